@@ -1,9 +1,9 @@
-//! Codecs and state machines of the bridges to real hardware, without bus and without I/O, so that a fuzzer and a
-//! test can drive them with bytes and a clock alone.
+//! Codecs and state machines of the bridges to real hardware, without bus and without I/O, so that a fuzzer
+//! or a test can drive them with bytes and a clock alone.
 //!
-//! Everything here takes bytes and a time and gives back events and bytes. Who owns the serial port, the socket or
-//! the bus is the caller (`nodes::bridge`). Times are [`Duration`](std::time::Duration)s since an origin of the
-//! caller's choice that never go back. Units are SI.
+//! Everything here takes bytes and a time and returns events and bytes. The caller (`nodes::bridge`) owns the
+//! serial port, the socket and the bus. Times are [`Duration`](std::time::Duration)s since an origin of the
+//! caller's choice, and never go back. Units are SI.
 
 pub mod arming;
 pub mod attitude_receiver;

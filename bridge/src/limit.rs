@@ -1,8 +1,8 @@
-//! Limits and rates of outputs, applied last before the wire.
+//! Limits and rate limits of outputs, applied last before the wire.
 
 use std::time::Duration;
 
-/// Longest time between two outputs that counts for a rate: after a pause an output may not jump.
+/// Longest time between two outputs that counts for a rate limit: after a pause an output must not jump.
 const LONGEST_STEP: Duration = Duration::from_millis(100);
 
 /// Limits of value and rate of one output.
@@ -10,11 +10,11 @@ const LONGEST_STEP: Duration = Duration::from_millis(100);
 pub struct OutputLimit {
     /// Value without a command.
     pub neutral: f64,
-    /// Least value.
+    /// Smallest value.
     pub lower: f64,
-    /// Greatest value.
+    /// Largest value.
     pub upper: f64,
-    /// Greatest change in a second; infinite for any.
+    /// Largest change per second; infinite for none.
     pub rate_per_s: f64,
 }
 
@@ -25,7 +25,8 @@ impl OutputLimit {
     }
 }
 
-/// Keeps outputs within their limits and rates, whatever is asked for. What is not finite is neutral.
+/// Keeps outputs within their limits and rates for any input. A value that is not finite is replaced by
+/// neutral.
 #[derive(Debug, Clone)]
 pub struct Limiter {
     limits: Vec<OutputLimit>,
@@ -36,13 +37,14 @@ pub struct Limiter {
 }
 
 impl Limiter {
-    /// Outputs that stand at neutral.
+    /// Outputs at neutral.
     pub fn new(limits: Vec<OutputLimit>) -> Self {
         let last = limits.iter().map(|l| l.neutral).collect();
         Self { limits, last, at: None, clamped: 0, not_finite: 0 }
     }
 
-    /// The outputs for what is wanted; `None` wants neutral. A value that is missing or not finite is neutral.
+    /// The limited outputs for `wanted`; `None` means neutral. A value that is missing or not finite is
+    /// replaced by neutral.
     pub fn apply(&mut self, wanted: Option<&[f64]>, now: Duration) -> &[f64] {
         let step = self.at.map_or(Duration::ZERO, |at| now.saturating_sub(at)).min(LONGEST_STEP);
         self.at = Some(now);
@@ -59,7 +61,7 @@ impl Limiter {
             };
             let within = asked.max(limit.lower).min(limit.upper);
             let reach = limit.rate_per_s * step.as_secs_f64();
-            // An infinite rate times no time is not a number, and must not hold the output back.
+            // An infinite rate times zero time is NaN, and must not hold the output.
             let moved = if reach.is_nan() { within } else { within.max(*last - reach).min(*last + reach) };
             self.clamped += u64::from(moved != asked);
             *last = moved;
@@ -67,12 +69,12 @@ impl Limiter {
         &self.last
     }
 
-    /// The outputs as they were last.
+    /// The last outputs.
     pub fn last(&self) -> &[f64] {
         &self.last
     }
 
-    /// Back to neutral without a rate: for an output that was handed over meanwhile.
+    /// Resets to neutral without a rate limit: for an output that was handed over meanwhile.
     pub fn reset(&mut self) {
         for (limit, last) in self.limits.iter().zip(&mut self.last) {
             *last = limit.neutral;
@@ -80,12 +82,12 @@ impl Limiter {
         self.at = None;
     }
 
-    /// Values that were moved into a limit or slowed to a rate.
+    /// Number of values held by a limit or a rate.
     pub fn clamped(&self) -> u64 {
         self.clamped
     }
 
-    /// Values that were not finite, or missing.
+    /// Number of values that were not finite, or missing.
     pub fn not_finite(&self) -> u64 {
         self.not_finite
     }

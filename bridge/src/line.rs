@@ -1,10 +1,11 @@
-//! What a serial line carries, by its address.
+//! Capacity of a serial line, from its address.
 
-/// Share of a line that the loop may take, where heartbeats, requests, exchanges of time or a ground station use it as well.
+/// Share of a line for the loop, where heartbeats, requests, time synchronisation or a ground station use it
+/// as well.
 pub(crate) const COMMON_SHARE: f64 = 0.8;
 
-/// Rate of a serial line, baud, and bits of a byte; `None` for another link. `serial://PATH:BAUD`, with `:8E2` behind it for
-/// two stop bits and a parity.
+/// Baud rate and bits per byte of a serial line; `None` for another link. The address is
+/// `serial://PATH:BAUD`, followed by `:8E2` for two stop bits and a parity.
 pub(crate) fn serial_line(link: &str) -> Option<(f64, f64)> {
     let address = link.strip_prefix("serial://")?;
     let (address, bits) = address.strip_suffix(":8E2").map_or((address, 10.0), |rest| (rest, 12.0));

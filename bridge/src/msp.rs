@@ -7,55 +7,56 @@ use crate::stream::Stream;
 
 /// Number of MSP_ATTITUDE: i16 roll and pitch in 0.1 deg, i16 heading in deg.
 const ATTITUDE: u8 = 108;
-/// Bytes of its payload.
+/// Payload length of MSP_ATTITUDE in bytes.
 const PAYLOAD: usize = 6;
-/// `$M>`, length and command.
+/// Length of `$M>`, length and command.
 const HEAD: usize = 5;
 
-/// Number of MSP_STATUS_EX, and where its variable part begins: u8 length of further modes, these, u8 number of arming
-/// flags, u32 flags.
+/// Number of MSP_STATUS_EX, and offset of its variable part: u8 length of further modes, these, u8 number of
+/// arming flags, u32 flags.
 const STATUS_EX: u8 = 150;
 const FURTHER_MODES: usize = 15;
 
-/// Number of MSP_MODE_RANGES: for each range u8 mode, u8 AUX channel from 0, u8 begin and end in steps of 25 us from 900 us. A range
-/// that does not end after its begin is not in use.
+/// Number of MSP_MODE_RANGES: for each range u8 mode, u8 AUX channel from 0, u8 begin and end in steps of 25
+/// us from 900 us. A range whose end is not after its begin is unused.
 const MODE_RANGES: u8 = 34;
 const RANGE: usize = 4;
 const RANGES: usize = 20;
-/// The mode that arms.
+/// Number of the arming mode.
 const ARM: u8 = 0;
 const FIRST_AUX: usize = 5;
 
-/// The question for the attitude: no payload.
+/// Request for the attitude: no payload.
 pub(crate) const ATTITUDE_REQUEST: [u8; 6] = request(ATTITUDE);
 
-/// The question for the state, in which the arming flags are.
+/// Request for the state with the arming flags.
 pub(crate) const STATUS_REQUEST: [u8; 6] = request(STATUS_EX);
 
-/// The question for the switches that turn modes on.
+/// Request for the switches of modes.
 pub(crate) const RANGES_REQUEST: [u8; 6] = request(MODE_RANGES);
 
 const fn request(command: u8) -> [u8; 6] {
     [b'$', b'M', b'<', 0, command, command]
 }
 
-/// What was answered.
+/// A decoded answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Answer {
-    /// The attitude, rad: right side down, nose up, clockwise.
+    /// Attitude, rad: right side down, nose up, clockwise.
     Attitude([f64; 3]),
-    /// What keeps it from being armed.
+    /// Reasons why it cannot be armed.
     Arming(ArmingFlags),
-    /// Where its pilot's arm switch is.
+    /// Position of the pilot's arm switch.
     Switch(ArmSwitch),
 }
 
-/// The channels and pulses that arm it, as far as there are some: AUX channel, begin and end as they are sent.
+/// Channels and pulses that arm it, as far as there are any: AUX channel, begin and end as sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ArmSwitch([Option<[u8; 3]>; RANGES]);
 
 impl ArmSwitch {
-    /// Why this pulse of a channel, from 1, arms nothing; `None` when it does. Betaflight has no flag for that.
+    /// Reason why this pulse of a channel, from 1, does not arm; `None` when it does. Betaflight has no flag
+    /// for that.
     pub(crate) fn reason(&self, channel: usize, pulse: u16) -> Option<String> {
         let us = |steps: u8| 900 + 25 * u16::from(steps);
         let range = |[aux, begin, end]: [u8; 3]| (FIRST_AUX + usize::from(aux), [us(begin), us(end)]);
@@ -77,11 +78,11 @@ impl ArmSwitch {
     }
 }
 
-/// Betaflight's reasons not to be armed, one bit each.
+/// Betaflight's reasons for not being armed, one bit each.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct ArmingFlags(u32);
 
-/// The reasons by their bit, as releases since 4.3 number them, with what they mean.
+/// Reasons by their bit, as numbered in releases since 4.3, with explanations.
 const REASONS: [&str; 28] = [
     "NO_GYRO (no gyroscope was found)",
     "FAILSAFE (a failsafe is active)",
@@ -114,8 +115,8 @@ const REASONS: [&str; 28] = [
 ];
 
 impl ArmingFlags {
-    /// The reasons in words; `None` when nothing keeps it from being armed. That the switch is on beside another reason, the
-    /// last flag of every release, is none.
+    /// Reasons as text; `None` without any. The last flag of every release, that the switch is on despite
+    /// another reason, does not count.
     pub(crate) fn reason(self) -> Option<String> {
         let named = REASONS.iter().enumerate().filter(|(bit, _)| self.0 >> bit & 1 == 1);
         let named: Vec<_> = named.map(|(_, name)| *name).collect();
@@ -123,7 +124,7 @@ impl ArmingFlags {
     }
 }
 
-/// Finds answers in a stream.
+/// Finds answers in a stream of bytes.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Parser(Stream);
 
@@ -132,7 +133,7 @@ impl Parser {
         self.0.push(bytes);
     }
 
-    /// The next answer that is known here; `None` until more bytes come. What is none is skipped.
+    /// The next known answer; `None` until more bytes arrive. Other bytes are skipped.
     pub(crate) fn next_answer(&mut self) -> Option<Answer> {
         loop {
             let bytes = self.0.waiting();
@@ -184,7 +185,7 @@ fn arming(payload: &[u8]) -> Option<Answer> {
     let further = usize::from(*payload.get(FURTHER_MODES)?);
     let rest = payload.get(FURTHER_MODES + 1 + further..)?;
     let (count, flags) = (*rest.first()?, u32::from_le_bytes(*rest.get(1..)?.first_chunk()?));
-    // The last flag is the switch; it is always beside another.
+    // The last flag is the switch; it always occurs with another.
     let switch = u32::from(count).checked_sub(1).and_then(|bit| 1_u32.checked_shl(bit)).unwrap_or(0);
     Some(Answer::Arming(ArmingFlags(flags & !switch)))
 }

@@ -1,35 +1,35 @@
-//! Messages of a bridge to its user.
+//! Notes of a bridge to its user.
 
 use std::collections::VecDeque;
 
-/// Notes that wait at most; a bridge that nobody asks forgets the oldest.
+/// Largest number of waiting notes; after it the oldest is discarded.
 const WAITING: usize = 64;
 
-/// One message to the user.
+/// A note to the user.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
-    /// The user should look at it.
+    /// True for a warning.
     pub warn: bool,
-    /// Text of the message, one sentence.
+    /// Text of the note, one sentence.
     pub text: String,
 }
 
-/// Notes in the order in which they came.
+/// Notes in the order of their creation.
 #[derive(Debug, Clone, Default)]
 pub struct Notes(VecDeque<Note>);
 
 impl Notes {
-    /// Tells something.
+    /// Adds an informational note.
     pub fn info(&mut self, text: impl Into<String>) {
         self.push(false, text.into());
     }
 
-    /// Tells something that the user should look at.
+    /// Adds a warning.
     pub fn warn(&mut self, text: impl Into<String>) {
         self.push(true, text.into());
     }
 
-    /// The oldest note.
+    /// Removes and returns the oldest note.
     pub fn take(&mut self) -> Option<Note> {
         self.0.pop_front()
     }

@@ -1,32 +1,32 @@
-//! The pilot's stick: channels of a receiver or a gamepad, and what they mean.
+//! The pilot's stick: channels of a receiver or a gamepad, with their meaning.
 
 use std::time::Duration;
 
 use crate::arming::PilotView;
 use crate::config::{ConfigError, PilotConfig};
 
-/// Channels of a stick.
+/// Number of channels of a stick.
 pub const STICKS: usize = 16;
 
 /// Pulse width from which a switch is on; its middle position is off.
 const SWITCH_ON_US: f64 = 1700.0;
 
-/// A stick within this of its middle is neutral.
+/// Largest distance of a neutral stick from its centre, us.
 const MIDDLE_US: f64 = 25.0;
 
-/// Pulse widths that a receiver can send; others are a fault.
+/// Valid pulse widths of a receiver, us; others are a fault.
 const POSSIBLE_US: std::ops::RangeInclusive<f64> = 800.0..=2200.0;
 
-/// The four sticks.
+/// Axes of the four sticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Axis {
-    /// Right is positive.
+    /// Roll; right is positive.
     Roll,
-    /// Nose up is positive.
+    /// Pitch; nose up is positive.
     Pitch,
-    /// Up is positive.
+    /// Throttle; up is positive.
     Throttle,
-    /// Clockwise is positive.
+    /// Yaw; clockwise is positive.
     Yaw,
 }
 
@@ -57,10 +57,10 @@ pub struct Pilot {
 }
 
 impl Pilot {
-    /// A pilot who was not heard yet.
+    /// A pilot without any data yet.
     ///
     /// # Errors
-    /// For a channel that does not exist, a stick that cannot be reversed, or an impossible time.
+    /// For a channel that does not exist, a stick that cannot be reversed, or an invalid time.
     pub fn new(config: &PilotConfig) -> Result<Self, ConfigError> {
         for (key, number) in [
             ("roll", config.roll),
@@ -93,8 +93,8 @@ impl Pilot {
         })
     }
 
-    /// Takes in the channels, us. A receiver in failsafe counts as not heard. Channels that no receiver sends are
-    /// refused as a whole and counted.
+    /// Updates the channels, us. A receiver in failsafe counts as silent. Channels beyond the range of a
+    /// receiver are refused as a whole and counted.
     pub fn update(&mut self, us: &[f64], failsafe: bool, now: Duration) {
         if us.is_empty() || us.iter().any(|v| !POSSIBLE_US.contains(v)) {
             self.refused += 1;
@@ -107,12 +107,12 @@ impl Pilot {
         self.at = Some(now);
     }
 
-    /// Channels that were refused.
+    /// Number of refused updates.
     pub fn refused(&self) -> u64 {
         self.refused
     }
 
-    /// Whether the pilot is heard.
+    /// True while the pilot's channels are received.
     pub fn is_present(&self, now: Duration) -> bool {
         !self.failsafe && self.at.is_some_and(|at| now.saturating_sub(at) <= self.timeout)
     }
@@ -127,7 +127,7 @@ impl Pilot {
         }
     }
 
-    /// Whether the arm switch is on.
+    /// True when the arm switch is on.
     pub fn arm(&self) -> bool {
         self.channel_us(self.config.arm) >= SWITCH_ON_US
     }
@@ -144,7 +144,7 @@ impl Pilot {
         if self.config.reversed.iter().any(|n| n == axis.name()) { 3000.0 - us } else { us }
     }
 
-    /// All channels as they were heard last, us.
+    /// All channels as last received, us.
     pub fn all_us(&self) -> &[f64; STICKS] {
         &self.us
     }

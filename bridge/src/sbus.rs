@@ -1,16 +1,16 @@
 //! SBUS, the serial protocol of Futaba receivers: channels out, and a receiver as the pilot's stick.
 //!
 //! 100 000 baud, 8E2, inverted (the inverter is hardware). A frame is 25 bytes: 0x0F, 16 channels of 11 bits
-//! little-endian, a byte of flags, an end byte. There is no checksum: the line's parity, the first and the last byte
-//! and the pause between frames are all the protection there is. So a frame counts only when the flags' unused bits
-//! are zero and the next byte, when it is there, begins a frame as well.
+//! little-endian, a byte of flags, an end byte. There is no checksum: the only protection is the line's
+//! parity, the first and the last byte and the pause between frames. So a frame is accepted only when the
+//! flags' unused bits are zero and the next byte, if present, begins a frame as well.
 //!
 //! us = 5/8 ticks + 880.
 
 use crate::crsf::{pack_channels, unpack_channels};
 use crate::stream::Stream;
 
-/// Bytes of a frame.
+/// Length of a frame in bytes.
 pub const FRAME: usize = 25;
 /// Baud rate.
 pub const BAUD: u32 = 100_000;
@@ -32,13 +32,13 @@ pub struct Frame {
     pub channels: [u16; 16],
     /// Digital channels 17 and 18.
     pub digital: [bool; 2],
-    /// The receiver missed a frame, and repeats the last.
+    /// The receiver missed a frame, and repeats the last one.
     pub lost: bool,
-    /// The receiver lost its transmitter: the channels are what it was told to do then.
+    /// The receiver lost its transmitter: the channels have their configured failsafe values.
     pub failsafe: bool,
 }
 
-/// Ticks of a pulse width, kept within 11 bits.
+/// Ticks of a pulse width, limited to 11 bits.
 pub fn ticks_of_us(us: f64) -> u16 {
     (((us - 880.0) * 8.0 / 5.0).round() as u16).min(0x7FF)
 }
@@ -64,14 +64,14 @@ pub fn write(frame: &Frame, out: &mut Vec<u8>) {
     out.extend_from_slice(&[flags, END]);
 }
 
-/// Counts of everything that came in.
+/// Counts of everything received.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Bytes that came in.
+    /// Number of bytes received.
     pub bytes: u64,
     /// Number of frames.
     pub frames: u64,
-    /// Bytes outside of frames.
+    /// Number of bytes outside of frames.
     pub noise_bytes: u64,
 }
 
@@ -83,7 +83,7 @@ pub struct Parser {
 }
 
 impl Parser {
-    /// A parser that has seen nothing.
+    /// A parser without data.
     pub fn new() -> Self {
         Self::default()
     }
@@ -93,18 +93,19 @@ impl Parser {
         &self.counts
     }
 
-    /// Takes bytes in. Call [`Parser::next_frame`] until it returns `None` before the next bytes.
+    /// Adds received bytes. Call [`Parser::next_frame`] until it returns `None` before adding more.
     pub fn push(&mut self, bytes: &[u8]) {
         self.counts.bytes += bytes.len() as u64;
         self.stream.push(bytes);
     }
 
-    /// Forgets half a frame: after a pause in the line, which no frame has, or a connection that was made anew.
+    /// Discards a partly received frame: after a pause in the line, which no frame contains, or a
+    /// reconnection.
     pub fn reset(&mut self) {
         self.counts.noise_bytes += self.stream.clear() as u64;
     }
 
-    /// The next frame; `None` until more bytes come.
+    /// The next frame; `None` until more bytes arrive.
     pub fn next_frame(&mut self) -> Option<Frame> {
         loop {
             let bytes = self.stream.waiting();

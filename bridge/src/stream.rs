@@ -1,36 +1,36 @@
-//! The bytes of a stream that a parser is not done with.
+//! Buffer of a stream's unparsed bytes.
 
-/// Bytes that came in, from the first that is not read yet.
+/// Received bytes, from the first unread one.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Stream {
     buffer: Vec<u8>,
-    /// Bytes of `buffer` that are read.
+    /// Number of read bytes in `buffer`.
     read: usize,
 }
 
 impl Stream {
-    /// Adds bytes at the end. What was read goes now, so that reading moves nothing.
+    /// Appends bytes. Read bytes are removed only here, so that reading moves nothing.
     pub(crate) fn push(&mut self, bytes: &[u8]) {
         self.buffer.drain(..std::mem::take(&mut self.read));
         self.buffer.extend_from_slice(bytes);
     }
 
-    /// The bytes that are not read yet.
+    /// The unread bytes.
     pub(crate) fn waiting(&self) -> &[u8] {
         &self.buffer[self.read..]
     }
 
-    /// Reads over `bytes` of it, or all if there are less.
+    /// Skips `bytes`, or all if there are fewer.
     pub(crate) fn skip(&mut self, bytes: usize) {
         self.read = (self.read + bytes).min(self.buffer.len());
     }
 
-    /// The `bytes` that were read last, until more come in.
+    /// The last `bytes` read, until more are appended.
     pub(crate) fn behind(&self, bytes: usize) -> &[u8] {
         &self.buffer[self.read.saturating_sub(bytes)..self.read]
     }
 
-    /// Forgets everything; how many bytes were not read.
+    /// Clears the buffer; returns the number of unread bytes.
     pub(crate) fn clear(&mut self) -> usize {
         let left = self.buffer.len() - std::mem::take(&mut self.read);
         self.buffer.clear();

@@ -1,26 +1,26 @@
-//! How a vehicle turns, from its file: the signs that its channels need, and what its flight is held against.
+//! Rotation of a vehicle according to its file: the signs of its channels, and the model for the sign watch.
 
 use whirlstand_vehicle::{Engine, Vehicle};
 
 use crate::channels::Input;
 
-/// The angles, in the order of [`Input::turns`]; the rate of each is called the same with `_rate`.
+/// The angles, in the order of [`Input::turns`]; the name of each rate has the suffix `_rate`.
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 
-/// How a vehicle turns without its inputs, and how well its attitude is known.
+/// Rotation of a vehicle without inputs, and noise of its attitude.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct OwnMotion {
-    /// What roll, pitch, yaw and their rates add to the acceleration about each axis, 1/s^2 and 1/s.
+    /// Angular acceleration about each axis per unit of roll, pitch, yaw and their rates, 1/s^2 and 1/s.
     pub adds: [[f64; 6]; 3],
-    /// Standard deviations of what the sensors of roll, pitch, yaw and their rates add, rad and rad/s; 0 for what the file
-    /// has no sensor of.
+    /// Standard deviations of the sensors of roll, pitch, yaw and their rates, rad and rad/s; 0 without a
+    /// sensor in the file.
     pub noise: [f64; 6],
 }
 
-/// The inputs of a vehicle, as a bridge wants them.
+/// The inputs of a vehicle, as used by a bridge.
 ///
-/// Where no input accelerates an angle directly, because states of the actuators are in between, the first derivative
-/// that one reaches has the sign.
+/// Where no input accelerates an angle directly, because states of the actuators are in between, the sign is
+/// that of the first derivative that an input affects.
 pub fn inputs_of(vehicle: &Vehicle) -> Vec<Input> {
     let rates: [Option<usize>; 3] = std::array::from_fn(|axis| rate_state(vehicle, axis));
     let mut reach = vehicle.b.clone();
@@ -39,7 +39,7 @@ pub fn inputs_of(vehicle: &Vehicle) -> Vec<Input> {
     vehicle.inputs.iter().zip(turns).map(input).collect()
 }
 
-/// What a vehicle's attitude does to its own acceleration, and the noise of its sensors in flight.
+/// Angular acceleration due to a vehicle's own attitude, and the noise of its sensors in flight.
 pub fn own_motion_of(vehicle: &Vehicle) -> OwnMotion {
     let states: [Option<usize>; 6] = std::array::from_fn(|i| match ANGLES.get(i) {
         Some(angle) => vehicle.state_index(angle),
@@ -57,7 +57,7 @@ pub fn own_motion_of(vehicle: &Vehicle) -> OwnMotion {
     OwnMotion { adds, noise }
 }
 
-/// The state that is the rate of an angle: by its name, or by the row of A that says so.
+/// The state that is the rate of an angle: by its name, or by the row of A that defines it.
 fn rate_state(vehicle: &Vehicle, axis: usize) -> Option<usize> {
     let named = vehicle.state_index(&format!("{}_rate", ANGLES[axis]));
     let integral = || {

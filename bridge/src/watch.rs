@@ -1,13 +1,13 @@
-//! Detects an estimate that no longer follows the measurements.
+//! Detects an estimate that is inconsistent with the measurements.
 
 use std::time::Duration;
 
 /// Time over which the innovations are averaged.
 const AVERAGE: Duration = Duration::from_millis(200);
 
-/// Averages the normalised innovation squared of the estimator. Its expectation is its degrees of freedom; an
-/// estimate that left the measurements has one that is far greater (Bar-Shalom, Estimation with Applications to
-/// Tracking and Navigation, 5.4).
+/// Averages the normalised innovation squared of the estimator. Its expectation is its degrees of freedom; a
+/// diverged estimate has a far larger one (Bar-Shalom, Estimation with Applications to Tracking and
+/// Navigation, 5.4).
 #[derive(Debug, Clone)]
 pub struct EstimateWatch {
     limit: f64,
@@ -17,12 +17,12 @@ pub struct EstimateWatch {
 }
 
 impl EstimateWatch {
-    /// An alarm when the average is more than `limit` times its expectation.
+    /// A watch with an alarm when the average is more than `limit` times its expectation.
     pub fn new(limit: f64) -> Self {
         Self { limit, average: 1.0, at: None, finite: true }
     }
 
-    /// Takes in an estimate: its states, its normalised innovation squared and the degrees of freedom of that.
+    /// Processes an estimate: its states, its normalised innovation squared and the degrees of freedom.
     pub fn observe(&mut self, states: &[f64], nis: f64, dof: u32, now: Duration) {
         self.finite = nis.is_finite() && states.iter().all(|x| x.is_finite());
         if dof == 0 || !self.finite {
@@ -34,17 +34,17 @@ impl EstimateWatch {
         self.average = keep * self.average + (1.0 - keep) * nis / f64::from(dof);
     }
 
-    /// Whether the estimate can be flown on.
+    /// True while the estimate is consistent.
     pub fn is_good(&self) -> bool {
         self.finite && self.average <= self.limit
     }
 
-    /// The averaged normalised innovation squared over its expectation; 1 is what a filter promises.
+    /// Averaged normalised innovation squared over its expectation; 1 for a consistent filter.
     pub fn ratio(&self) -> f64 {
         self.average
     }
 
-    /// Forgets, for a new run.
+    /// Resets for a new run.
     pub fn reset(&mut self) {
         *self = Self::new(self.limit);
     }

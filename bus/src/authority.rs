@@ -1,4 +1,4 @@
-//! Certificates of a bench: one authority, and one key for each node that it vouches for.
+//! Certificates of a bench: one certificate authority, and one key for each node that it signs.
 
 use rcgen::{
     BasicConstraints, CertificateParams, CertifiedIssuer, DnType, ExtendedKeyUsagePurpose, IsCa, KeyPair,
@@ -7,18 +7,18 @@ use rcgen::{
 
 use crate::protection::Identity;
 
-/// Why no key or certificate could be made.
+/// Error when a key or certificate cannot be created.
 #[derive(Debug, thiserror::Error)]
 #[error("no certificate can be made for {who}: {source}")]
 pub struct AuthorityError {
-    /// The node, or the authority itself.
+    /// Name of the node, or of the authority itself.
     pub who: String,
-    /// What is wrong.
+    /// Underlying error.
     pub source: rcgen::Error,
 }
 
-/// Signs the certificates of one bench. Its key is never written down: once it is dropped, nobody can join the nodes
-/// that it has named.
+/// Certificate authority of one bench. Its key is never stored: after it is dropped, no further node can
+/// join.
 pub struct Authority {
     issuer: CertifiedIssuer<'static, KeyPair>,
 }
@@ -38,7 +38,7 @@ impl Authority {
         Ok(Self { issuer })
     }
 
-    /// The authority's certificate, PEM: what every node has to know.
+    /// Certificate of the authority, PEM, which every node needs.
     pub fn certificate(&self) -> String {
         self.issuer.pem()
     }
@@ -46,12 +46,12 @@ impl Authority {
     /// A fresh key and a certificate for the node `name`, valid on `hosts` (DNS names or IP addresses).
     ///
     /// # Errors
-    /// For a host that is neither, and when the operating system has no random numbers.
+    /// For an invalid host, and when the operating system has no random numbers.
     pub fn issue(&self, name: &str, hosts: &[String]) -> Result<Identity, AuthorityError> {
         let failed = |source| AuthorityError { who: name.into(), source };
         let mut params = named(hosts.to_vec(), name).map_err(failed)?;
         params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
-        // Every node listens and connects.
+        // Every node is both server and client.
         params.extended_key_usages =
             vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
         let key = KeyPair::generate().map_err(failed)?;

@@ -1,4 +1,4 @@
-//! The one interface over the three transports.
+//! Common interface of the three transports.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -21,7 +21,7 @@ pub struct Bus {
     wait: WaitStrategy,
 }
 
-/// What the bus and its ports hold together.
+/// State shared by the bus and its ports.
 struct Shared {
     medium: Medium,
     slot: usize,
@@ -55,7 +55,7 @@ impl Bus {
     /// Joins a bench.
     ///
     /// # Errors
-    /// [`OpenError`] for an impossible name, a bad Zenoh configuration or a transport that refuses.
+    /// [`OpenError`] for an invalid name, a bad Zenoh configuration or a transport that refuses.
     pub fn open(config: &BusConfig) -> Result<Self, OpenError> {
         check_name("bench", &config.bench)?;
         check_name("node", &config.node)?;
@@ -77,11 +77,11 @@ impl Bus {
         }
     }
 
-    /// Says to the network, as long as the token lives, that this process launches the bench. On one machine there is
-    /// nobody to tell: other means keep launchers apart there.
+    /// Announces to the network that this process launches the bench, until the token is dropped. On one
+    /// machine the token has no effect: other means exclude a second launcher there.
     ///
     /// # Errors
-    /// [`OpenError::Taken`] when somebody else says so as well.
+    /// [`OpenError::Taken`] when another process has announced itself too.
     pub fn announce_launcher(&self) -> Result<LauncherToken, OpenError> {
         match &self.shared.medium {
             Medium::Zenoh(member) => member.announce_launcher(),
@@ -97,18 +97,19 @@ impl Bus {
         self.publisher_on(M::TOPIC)
     }
 
-    /// Publishes on another topic of the same type.
+    /// Publishes on another topic with the same message type.
     ///
     /// # Errors
-    /// As [`Self::publisher`], and [`OpenError::Name`] for an impossible topic.
+    /// As [`Self::publisher`], and [`OpenError::Name`] for an invalid topic.
     pub fn publisher_on<M: Message>(&self, topic: &str) -> Result<Publisher<M>, OpenError> {
         self.open_publisher(topic, None)
     }
 
-    /// Publishes messages that say they are from `speaker`, on their own topic: for a process that runs several nodes.
+    /// Publishes messages with the sender name `speaker`, on their own topic: for a process that runs several
+    /// nodes.
     ///
     /// # Errors
-    /// As [`Self::publisher`], and [`OpenError::Name`] for an impossible name.
+    /// As [`Self::publisher`], and [`OpenError::Name`] for an invalid name.
     pub fn publisher_as<M: Message>(&self, speaker: &str) -> Result<Publisher<M>, OpenError> {
         check_name("node", speaker)?;
         self.open_publisher(M::TOPIC, Some(speaker))
@@ -134,8 +135,8 @@ impl Bus {
         })
     }
 
-    /// Subscribes to the message's own topic: receives what is published from now on, nothing from before. The
-    /// queue holds `depth` messages; when it is full the oldest goes, and counts as lost.
+    /// Subscribes to the message's own topic: receives messages published from now on, none from before. The
+    /// queue holds `depth` messages; when it is full the oldest is dropped, and counts as lost.
     ///
     /// # Errors
     /// [`OpenError::Schema`] when the topic is in use with another version of the message (over Zenoh that shows
@@ -145,10 +146,10 @@ impl Bus {
         self.subscriber_on(M::TOPIC, depth)
     }
 
-    /// Subscribes to another topic of the same type.
+    /// Subscribes to another topic with the same message type.
     ///
     /// # Errors
-    /// As [`Self::subscriber`], and [`OpenError::Name`] for an impossible topic.
+    /// As [`Self::subscriber`], and [`OpenError::Name`] for an invalid topic.
     pub fn subscriber_on<M: Message>(&self, topic: &str, depth: usize) -> Result<Subscriber<M>, OpenError> {
         check_name("topic", topic)?;
         if depth == 0 || depth > MAX_DEPTH {
@@ -164,9 +165,9 @@ impl Bus {
         Ok(Subscriber { port, topic: topic.into(), _shared: self.shared.clone() })
     }
 
-    /// Waits until `ready` says yes: looks, yields, then sleeps as [`BusConfig::wait`] says, and looks again after
-    /// every publication on a topic this node subscribes to. Looks at least once, also when the deadline is over.
-    /// Returns whether `ready` said yes in time.
+    /// Waits until `ready` returns true: polls, yields, then sleeps as [`BusConfig::wait`] says, and polls
+    /// again after every publication on a topic this node subscribes to. Polls at least once, even after the
+    /// deadline. Returns whether `ready` returned true in time.
     ///
     /// # Errors
     /// What `ready` returns.
@@ -243,7 +244,7 @@ impl<M: Message> Publisher<M> {
     /// link is free again.
     ///
     /// # Errors
-    /// [`SendError`] when the transport fails. The sequence number is used up all the same.
+    /// [`SendError`] when the transport fails. The sequence number is used up nevertheless.
     #[inline]
     pub fn send(&mut self, message: &M) -> Result<(), SendError> {
         let seq = self.seq;
@@ -251,8 +252,8 @@ impl<M: Message> Publisher<M> {
         self.send_as(message, seq)
     }
 
-    /// Publishes the message that was sent last once more, under its own number: for a subscriber that may not have been
-    /// there. Others see a number go back, which is no loss.
+    /// Publishes the last message again with the same sequence number, for a subscriber that may have missed
+    /// it. Other subscribers see the number go back, which does not count as a loss.
     ///
     /// # Errors
     /// As [`Self::send`].
@@ -276,8 +277,8 @@ impl<M: Message> Publisher<M> {
         Ok(())
     }
 
-    /// Whether anybody subscribes to the topic now. Over shared memory a killed subscriber counts until its remains
-    /// are cleaned up.
+    /// True when the topic has a subscriber now. Over shared memory a killed subscriber counts until its
+    /// files are cleaned up.
     ///
     /// # Errors
     /// [`SendError`] when the transport cannot tell.
@@ -289,7 +290,7 @@ impl<M: Message> Publisher<M> {
         }
     }
 
-    /// The topic's name.
+    /// Name of the topic.
     pub fn topic(&self) -> &str {
         &self.topic
     }
@@ -314,7 +315,7 @@ impl<M: Message> Subscriber<M> {
     ///
     /// # Errors
     /// [`RecvError::Refused`] once for each message of another version or with damaged content: the message
-    /// is dropped and the next call goes on. [`RecvError::Transport`] when the transport fails.
+    /// is dropped and the next call continues. [`RecvError::Transport`] when the transport fails.
     #[inline]
     pub fn try_recv(&mut self) -> Result<Option<M>, RecvError> {
         match &mut self.port {
@@ -324,7 +325,7 @@ impl<M: Message> Subscriber<M> {
         }
     }
 
-    /// Messages that were published while this subscriber was there and that it will never receive. A loss is
+    /// Number of messages published since this subscriber was opened that it will never receive. A loss is
     /// counted at the latest when a later message of the same publisher is received.
     pub fn lost(&self) -> u64 {
         match &self.port {
@@ -334,7 +335,7 @@ impl<M: Message> Subscriber<M> {
         }
     }
 
-    /// The topic's name.
+    /// Name of the topic.
     pub fn topic(&self) -> &str {
         &self.topic
     }

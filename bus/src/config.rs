@@ -1,4 +1,4 @@
-//! What a node says when it joins a bench.
+//! Configuration with which a node joins a bench.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -12,27 +12,27 @@ use crate::transport::Transport;
 /// Longest name of a bench, a node or a topic, bytes: file names of shared memory are built from it.
 pub const MAX_NAME: usize = 48;
 
-/// How a node joins a bench.
+/// Configuration with which a node joins a bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BusConfig {
     /// Name of the bench: letters, digits, `_`, `-` and `.`, at most [`MAX_NAME`] bytes. Benches of different
     /// names never meet.
     pub bench: String,
-    /// Name of this node, same letters; for people and tools that look at the bench.
+    /// Name of this node, with the same letters; for people and tools that inspect the bench.
     pub node: String,
-    /// What carries the messages.
+    /// Transport of the messages.
     pub transport: Transport,
-    /// Settings of [`Transport::Zenoh`]; the others ignore them.
+    /// Settings of [`Transport::Zenoh`], ignored by the others.
     #[serde(default)]
     pub zenoh: ZenohConfig,
-    /// How [`crate::Bus::wait_until`] waits.
+    /// Waiting strategy of [`crate::Bus::wait_until`].
     #[serde(default)]
     pub wait: WaitStrategy,
 }
 
 impl BusConfig {
-    /// A node of a bench, everything else at its default.
+    /// Configuration of a node of a bench, with defaults for everything else.
     pub fn new(bench: impl Into<String>, node: impl Into<String>, transport: Transport) -> Self {
         Self {
             bench: bench.into(),
@@ -44,11 +44,11 @@ impl BusConfig {
     }
 }
 
-/// Where a node listens and to whom it connects over Zenoh.
+/// Zenoh endpoints of a node.
 ///
-/// A node is a Zenoh peer that scouts nothing. Peers do not forward for each other, so every node must be
-/// connected to every other that it exchanges messages with: give each node its own `listen` endpoint and let
-/// it `connect` to those of the nodes before it.
+/// A node is a Zenoh peer without scouting. Peers do not forward for each other, so every node must be
+/// connected to every other with which it exchanges messages: give each node its own `listen` endpoint and
+/// let it `connect` to those of the nodes before it.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ZenohConfig {
@@ -65,27 +65,27 @@ pub struct ZenohConfig {
     pub protection: Option<Protection>,
 }
 
-/// How a node waits: it looks again at once, then lets others run between looks, then sleeps.
+/// Waiting strategy of a node: it polls, then yields between polls, then sleeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WaitStrategy {
-    /// Yield before the first look: right after its own message a node has nothing to look for, and who answers may need
-    /// this very CPU.
+    /// Yield before the first poll: right after its own message a node has nothing to receive, and the
+    /// answering node may need this CPU.
     pub give_way: bool,
-    /// Looks before the first yield, with a processor pause in between.
+    /// Number of polls before the first yield, with a processor pause in between.
     pub spin: u32,
-    /// For how long to look with a yield of the processor in between.
+    /// Duration of polling with a processor yield in between.
     pub yield_for: Duration,
-    /// Longest sleep before looking again even if nobody woke this node: foreign publishers wake nobody.
+    /// Longest sleep before the next poll without a wake-up: foreign publishers wake nobody.
     pub sleep: Duration,
-    /// Over Zenoh: how long a sender waits for a link that cannot keep up. Then it drops, without waiting again
-    /// until the link can.
+    /// Over Zenoh: how long a sender waits for a congested link. After that it drops messages, without
+    /// waiting again until the link is free.
     pub congestion: Duration,
 }
 
 impl WaitStrategy {
-    /// For running as fast as the processes can go: yields long enough to hardly ever sleep inside a step, and
-    /// loses nothing to a network that is slow for a moment.
+    /// Strategy for lockstep: yields long enough to hardly ever sleep inside a step, and loses nothing to a
+    /// network that is temporarily slow.
     pub fn lockstep() -> Self {
         Self {
             give_way: true,
@@ -96,7 +96,7 @@ impl WaitStrategy {
         }
     }
 
-    /// For real time: sleeps soon, so that a node of high priority does not starve the others.
+    /// Strategy for real time: sleeps soon, so that a node of high priority does not starve the others.
     pub fn realtime() -> Self {
         Self {
             give_way: false,
@@ -114,7 +114,7 @@ impl Default for WaitStrategy {
     }
 }
 
-/// Checks that a bench can have this name.
+/// Checks that a name is valid for a bench.
 ///
 /// # Errors
 /// [`OpenError::Name`].

@@ -1,58 +1,58 @@
-//! What can go wrong on the bus, one error type an operation.
+//! Errors of the bus, one type per operation.
 
 use std::path::PathBuf;
 
 use whirlstand_msgs::DecodeError;
 
-/// Why a bench, a publisher or a subscriber could not be opened.
+/// Reason why a bench, a publisher or a subscriber could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// A name cannot be part of a file name or a key expression.
     #[error("the {what} name \"{name}\" cannot be used: {reason}")]
     Name {
-        /// `bench`, `node` or `topic`.
+        /// Kind of name: `bench`, `node` or `topic`.
         what: &'static str,
         /// The name.
         name: String,
         /// What is wrong with it.
         reason: String,
     },
-    /// Somebody on the bench uses the topic with another version of the message.
+    /// The topic is in use with another version of the message.
     #[error(
         "topic \"{topic}\" of bench \"{bench}\" is in use with schema {found}, this program has {expected:#018x} for {type_name}: \
          all nodes of a bench must run the same message version"
     )]
     Schema {
-        /// Bench.
+        /// Name of the bench.
         bench: String,
-        /// Topic.
+        /// Name of the topic.
         topic: String,
         /// Message type in this program.
         type_name: &'static str,
         /// Schema hash in this program.
         expected: u64,
-        /// Schema hash in use, or what else was found in its place.
+        /// Schema hash in use, or a description of another conflict.
         found: String,
     },
     /// The subscriber's queue has an impossible length.
     #[error("a subscriber's queue holds 1 to {max} messages, {depth} were asked for on topic \"{topic}\"")]
     Depth {
-        /// Topic.
+        /// Name of the topic.
         topic: String,
-        /// Wanted length.
+        /// Requested length.
         depth: usize,
-        /// Greatest length.
+        /// Largest length.
         max: usize,
     },
     /// A file of the bench, or Zenoh's configuration file, cannot be used.
     #[error("{path}: {source}", path = path.display())]
     File {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the operating system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// Zenoh's configuration is not understood.
+    /// Zenoh's configuration is invalid.
     #[error("Zenoh configuration{}: {reason}", path.as_ref().map(|p| format!(" {}", p.display())).unwrap_or_default())]
     ZenohConfig {
         /// The configuration file, if there is one.
@@ -60,26 +60,26 @@ pub enum OpenError {
         /// What is wrong with it.
         reason: String,
     },
-    /// The process would read and write TLS on two threads.
+    /// The process would access TLS from two threads.
     #[error(
         "bench \"{bench}\" speaks TLS, which Zenoh 1.10 can do without damage to its memory on one thread only: start this \
          program with {name}='{value}' in its environment", name = crate::ONE_THREAD.0, value = crate::ONE_THREAD.1
     )]
     TwoThreads {
-        /// Bench.
+        /// Name of the bench.
         bench: String,
     },
-    /// Somebody else launches the bench.
+    /// Another process launches the bench.
     #[error(
         "the bench \"{bench}\" is already run by {holder}: give this run another name with --bench, or wait for that one's end"
     )]
     Taken {
-        /// Bench.
+        /// Name of the bench.
         bench: String,
-        /// Who launches it.
+        /// The other launcher.
         holder: String,
     },
-    /// Shared memory has no room for the bench.
+    /// Shared memory is too small for the bench.
     #[error(
         "shared memory is full: {what} of bench \"{bench}\" needs {needed}, /dev/shm has {free} free of {total}. \
          See what fills it with `ls -l /dev/shm` (`whirlstand clean` removes what killed benches left), or make it larger: \
@@ -87,27 +87,27 @@ pub enum OpenError {
         needed = mebibytes(*needed), free = mebibytes(*free), total = mebibytes(*total)
     )]
     Full {
-        /// What was to be made.
+        /// Object that was to be created.
         what: String,
-        /// Bench.
+        /// Name of the bench.
         bench: String,
-        /// Bytes that it takes, with the margin that stays free.
+        /// Bytes needed, including the margin that stays free.
         needed: u64,
-        /// Bytes that are free.
+        /// Free bytes.
         free: u64,
-        /// Bytes of the whole.
+        /// Total bytes.
         total: u64,
     },
-    /// The transport refused.
+    /// The transport failed.
     #[error("cannot {action} on bench \"{bench}\" over {transport}: {reason}")]
     Transport {
-        /// What was tried.
+        /// Attempted action.
         action: String,
-        /// Bench.
+        /// Name of the bench.
         bench: String,
-        /// Transport.
+        /// Transport that failed.
         transport: crate::Transport,
-        /// What the transport says.
+        /// Error of the transport.
         reason: String,
     },
 }
@@ -117,78 +117,78 @@ fn mebibytes(bytes: u64) -> String {
     format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20))
 }
 
-/// Why a message was not sent.
+/// Reason why a message was not sent.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("cannot publish on topic \"{topic}\": {reason}")]
 pub struct SendError {
-    /// Topic.
+    /// Name of the topic.
     pub topic: String,
-    /// What the transport says.
+    /// Error of the transport.
     pub reason: String,
 }
 
-/// Why nothing could be received.
+/// Reason why receiving failed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RecvError {
-    /// A message of another version, or a damaged one, arrived. It is dropped; receiving can go on.
+    /// A message of another version, or a damaged one, arrived. It is dropped; receiving can continue.
     #[error("topic \"{topic}\": {source}")]
     Refused {
-        /// Topic.
+        /// Name of the topic.
         topic: String,
-        /// What is wrong with the message.
+        /// Reason for the refusal.
         source: Refusal,
     },
     /// The transport failed.
     #[error("cannot receive on topic \"{topic}\": {reason}")]
     Transport {
-        /// Topic.
+        /// Name of the topic.
         topic: String,
-        /// What the transport says.
+        /// Error of the transport.
         reason: String,
     },
 }
 
-/// Why a message that arrived is not handed over.
+/// Reason why a received message is not delivered.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
     /// It has another version, or is damaged.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// It speaks for a node that did not send it.
+    /// The message claims to be from another node than its sender.
     #[error("a message that says it is from \"{said}\" came from \"{from}\"")]
     Speaker {
-        /// Whom the message names.
+        /// Node named in the message.
         said: String,
-        /// Who sent it.
+        /// Node that sent the message.
         from: String,
     },
 }
 
-/// Why the remains of a bench could not be removed.
+/// Reason why leftover files of a bench could not be removed.
 #[derive(Debug, thiserror::Error)]
 pub enum ResidueError {
-    /// The bench's name is impossible.
+    /// The name of the bench is invalid.
     #[error(transparent)]
     Name(OpenError),
     /// A file could not be listed or removed.
     #[error("cannot remove {path}: {source}", path = path.display())]
     File {
-        /// The file or folder.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// What the operating system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// iceoryx2 could not list the nodes.
     #[error("cannot list the nodes of bench \"{bench}\": {reason}")]
     List {
-        /// Bench.
+        /// Name of the bench.
         bench: String,
-        /// What iceoryx2 says.
+        /// Error of iceoryx2.
         reason: String,
     },
 }
 
-/// Remains that stop a node from joining.
+/// Leftover files that prevent a node from joining.
 impl From<ResidueError> for OpenError {
     fn from(error: ResidueError) -> Self {
         match error {

@@ -1,4 +1,5 @@
-//! Between threads, or within one thread, of one process: a queue a subscriber, no system call, no allocation.
+//! Transport within one process, between threads or within one thread: a queue per subscriber, no system
+//! call, no allocation.
 
 use std::any::Any;
 use std::collections::HashMap;
@@ -11,7 +12,8 @@ use whirlstand_msgs::Message;
 use crate::OpenError;
 use crate::park::Region;
 
-/// A subscriber's queue: any number of publishers put in, one subscriber takes out, the oldest goes when full.
+/// A subscriber's queue: any number of publishers, one subscriber; the oldest message is dropped when it is
+/// full.
 pub(crate) struct Queue<M> {
     ring: ArrayQueue<M>,
     displaced: AtomicU64,
@@ -35,7 +37,7 @@ impl<M> Queue<M> {
         self.ring.pop()
     }
 
-    /// Messages that had to go before they were taken out.
+    /// Number of messages dropped before they were received.
     pub(crate) fn displaced(&self) -> u64 {
         self.displaced.load(Ordering::Relaxed)
     }
@@ -44,7 +46,7 @@ impl<M> Queue<M> {
 /// A topic of a bench: the queues of its subscribers.
 struct Topic<M> {
     queues: Mutex<Vec<Arc<Queue<M>>>>,
-    /// Grows whenever `queues` changes; publishers keep a copy of the list until then.
+    /// Increased whenever `queues` changes; publishers keep a copy of the list until then.
     version: AtomicU64,
 }
 
@@ -61,7 +63,7 @@ struct AnyTopic {
     topic: Arc<dyn Any + Send + Sync>,
 }
 
-/// A bench inside this process; lives as long as somebody has it open.
+/// A bench inside this process; exists while a node has it open.
 pub(crate) struct Bench {
     name: String,
     topics: Mutex<HashMap<String, AnyTopic>>,
@@ -71,7 +73,7 @@ pub(crate) struct Bench {
 static BENCHES: Mutex<Vec<Weak<Bench>>> = Mutex::new(Vec::new());
 
 impl Bench {
-    /// The bench of that name, made if nobody has it open.
+    /// The bench of that name, created if it is not open.
     pub(crate) fn open(name: &str) -> Arc<Self> {
         let mut benches = lock(&BENCHES);
         benches.retain(|b| b.strong_count() > 0);
@@ -108,7 +110,7 @@ impl Bench {
 
     fn topic<M: Message>(&self, name: &str) -> Result<Arc<Topic<M>>, OpenError> {
         let mut topics = lock(&self.topics);
-        // A topic that nobody holds any more may change its type, as a shared-memory service may.
+        // An unused topic may change its type, like a shared-memory service.
         topics.retain(|_, t| Arc::strong_count(&t.topic) > 1);
         let any = topics.entry(name.into()).or_insert_with(|| AnyTopic {
             type_name: M::TYPE_NAME,
@@ -179,7 +181,7 @@ impl<M> Drop for Subscriber<M> {
     }
 }
 
-/// The lists guarded here are whole after every statement, so a panic elsewhere leaves nothing half done.
+/// The guarded lists are consistent after every statement, so a panic elsewhere leaves nothing half done.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,8 +1,9 @@
-//! One launcher a bench, as far as a network can tell.
+//! Ensures a single launcher per bench, as far as a network allows.
 //!
-//! A launcher leaves a liveliness token (Zenoh's presence: it goes with the session, however that ends) under the bench's
-//! name, and then asks for those of others. Because it leaves its own first, of two launchers that start at once one at
-//! least sees the other. It hears of those whom its links reach: all that it connects to, and behind a router everybody.
+//! A launcher declares a liveliness token (Zenoh's presence, which ends with the session in any case) under
+//! the bench's name, and then queries those of others. Because it declares its own first, of two launchers
+//! that start at once at least one sees the other. Its query reaches all peers to which it is connected, and
+//! everybody behind a router.
 
 use std::time::{Duration, Instant};
 
@@ -11,25 +12,25 @@ use zenoh::liveliness::LivelinessToken;
 
 use crate::OpenError;
 
-/// How long links that are asked for may take until they are there; a node on another host may start much later.
+/// Longest time until requested links are up; a node on another host may start much later.
 const LINKS: Duration = Duration::from_secs(1);
 
-/// Time between two questions, and the longest wait for answers.
+/// Time between two queries, and the longest wait for replies.
 const AGAIN: Duration = Duration::from_millis(100);
 
-/// Says to the network, as long as it lives, that this process launches a bench.
+/// Announces this process as the launcher of a bench, until it is dropped.
 #[derive(Debug)]
 pub struct LauncherToken {
     _token: Option<LivelinessToken>,
 }
 
 impl LauncherToken {
-    /// A transport of one machine has no network to tell.
+    /// A token without effect, for a transport within one machine.
     pub(crate) fn local() -> Self {
         Self { _token: None }
     }
 
-    /// Announces this process over a session; `has_links` says that it connects to others.
+    /// Announces this process over a session; `has_links` is true when it connects to others.
     pub(crate) fn announce(
         session: &zenoh::Session,
         bench: &str,
@@ -56,7 +57,7 @@ impl LauncherToken {
                     other = Some(holder(key));
                 }
             }
-            // What has just left may be told of for a moment still.
+            // A token that has just ended may still be reported for a moment.
             let patience = if has_links || other.is_some() { LINKS } else { Duration::ZERO };
             if began.elapsed() >= patience {
                 return match other {
@@ -69,14 +70,14 @@ impl LauncherToken {
     }
 }
 
-/// This host's name, as a part of a key expression.
+/// Name of this host, as a part of a key expression.
 fn host() -> String {
     let name = rustix::system::uname().nodename().to_string_lossy().into_owned();
     let fits = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '-' };
     format!("h-{}", name.chars().map(fits).collect::<String>())
 }
 
-/// Who left a token, as text.
+/// Text on the owner of a token.
 fn holder(key: &str) -> String {
     let mut parts = key.rsplit('/');
     let (pid, host) = (parts.next().unwrap_or_default(), parts.next().unwrap_or_default());

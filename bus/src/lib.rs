@@ -1,4 +1,4 @@
-//! How messages travel: one publish/subscribe interface over iceoryx2, Zenoh and in-process.
+//! Transport of messages: one publish/subscribe interface over iceoryx2, Zenoh and in-process.
 //!
 //! A node joins a bench, opens publishers and subscribers of message types, and waits for what it needs. Which
 //! transport carries the messages is a setting, not code.
@@ -25,12 +25,12 @@
 //! # }
 //! ```
 //!
-//! The rules hold on every transport, and one conformance suite shows them:
-//! - topics live under the bench's name; two benches never meet;
+//! The following rules hold on every transport, and one conformance suite checks them:
+//! - topics are named under the bench's name, so that benches are separate;
 //! - any number of nodes publish on and subscribe to a topic; the messages of one publisher stay in order;
 //! - a subscriber receives what is published from its opening on, nothing from before;
-//! - sending waits for nobody; a full queue loses its oldest message and counts it;
-//! - a node that is killed disturbs nobody, and can be started again;
+//! - sending never waits for a receiver; a full queue drops its oldest message and counts it;
+//! - a killed node does not disturb the others, and can be restarted;
 //! - a node with another version of a message is refused: see [`OpenError::Schema`] and [`RecvError::Refused`].
 
 mod authority;

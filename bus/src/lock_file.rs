@@ -1,14 +1,15 @@
-//! How every lock file of this program is opened.
+//! Opens lock files, in one way for the whole program.
 
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
-/// Opens a lock file, which is made if it is not there, for its user alone and not through a link that somebody else has laid.
+/// Opens a lock file, created if missing, with access for its user alone, and not through a symbolic link of
+/// another user.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the operating system.
 pub fn open_lock_file(path: &Path) -> io::Result<File> {
     OpenOptions::new()
         .read(true)

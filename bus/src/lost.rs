@@ -1,30 +1,30 @@
 //! Counts messages that never arrived, from gaps in their sequence numbers.
 
-/// Publishers of one topic that are told apart. A bench has a handful; an id costs a stranger nothing, and must cost
-/// a subscriber no memory without bound.
+/// Largest number of publishers per topic that are distinguished. A bench has a handful; foreign ids cost
+/// their sender nothing, and must not take unbounded memory of a subscriber.
 const MOST_PUBLISHERS: usize = 256;
 
-/// What is expected next from each publisher of a topic.
+/// Expected sequence numbers of each publisher of a topic.
 #[derive(Debug, Default)]
 pub(crate) struct LostCounter {
-    /// Publisher and the sequence number that comes next; few, so a list is fastest.
+    /// Publisher and its next sequence number; few entries, so a list is fastest.
     expected: Vec<(u128, u64)>,
     lost: u64,
 }
 
 impl LostCounter {
-    /// Takes note of a message. The first one of a publisher misses nothing: the subscriber may have joined late.
-    /// A number that goes back is a publisher that started anew.
+    /// Records a message. The first one of a publisher does not count as a loss: the subscriber may have
+    /// joined late. A number that goes back means that the publisher restarted.
     pub(crate) fn note(&mut self, publisher: u128, seq: u64) {
         match self.expected.iter_mut().find(|(id, _)| *id == publisher) {
             Some((_, next)) => {
-                // A number from a network can be any: the count stays at its end instead of beginning anew.
+                // A number from a network can be arbitrary: the count saturates instead of wrapping around.
                 self.lost = self.lost.saturating_add(seq.saturating_sub(*next));
                 *next = seq.wrapping_add(1);
             }
             None => {
                 if self.expected.len() == MOST_PUBLISHERS {
-                    // The one that was first heard longest ago.
+                    // The publisher that was first heard longest ago.
                     self.expected.remove(0);
                 }
                 self.expected.push((publisher, seq.wrapping_add(1)));
@@ -32,7 +32,7 @@ impl LostCounter {
         }
     }
 
-    /// Messages missed so far.
+    /// Number of messages missed so far.
     pub(crate) fn lost(&self) -> u64 {
         self.lost
     }

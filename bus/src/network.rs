@@ -1,10 +1,11 @@
-//! Between processes of any machines: Zenoh, which carries the schema hash and the message in postcard.
+//! Transport between machines: Zenoh, with the schema hash and the message in postcard.
 //!
-//! A node is a peer that scouts nothing and listens on loopback, unless configured otherwise; a protected one speaks TLS
-//! with members of its bench only, and takes from each what that member may publish. Messages are
-//! reliable and in order on a link, and leave at once instead of being batched. When a link cannot keep up, the
-//! sender waits once, at most as long as [`crate::WaitStrategy::congestion`] says, and then drops until it can, so that
-//! a stopped peer never stops the loop; what was dropped shows at the subscriber as a gap in the sequence numbers.
+//! A node is a peer without scouting that listens on loopback, unless configured otherwise; a protected one
+//! speaks TLS with members of its bench only, and accepts from each only what that member may publish.
+//! Messages are reliable and in order on a link, and are sent at once instead of being batched. When a link
+//! is congested, the sender waits once, at most for [`crate::WaitStrategy::congestion`], and then drops
+//! messages until the link is free, so that a stopped peer never stops the loop; dropped messages appear at
+//! the subscriber as a gap in the sequence numbers.
 
 use std::rc::Rc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -26,10 +27,11 @@ use crate::network_settings::{fix_ports, has_tls, settings};
 use crate::park::{Region, TopicBit};
 use crate::{BusConfig, ONE_THREAD, OpenError, RecvError, Refusal, SendError, Transport};
 
-/// Refused messages kept for [`crate::Subscriber::try_recv`] to tell of; more are forgotten.
+/// Largest number of refused messages kept for [`crate::Subscriber::try_recv`]; further ones are not
+/// reported.
 const MAX_REFUSED: usize = 8;
 
-/// Attempts to find a free port, each lost to another program that took it in between.
+/// Number of attempts to find a free port, each lost to another program that bound it in between.
 const PORT_ATTEMPTS: usize = 8;
 
 /// A node's membership in a bench.
@@ -38,7 +40,7 @@ pub(crate) struct Member {
     node: String,
     session: zenoh::Session,
     locators: Vec<String>,
-    /// The configuration asks for links to others.
+    /// True when the configuration requests links to others.
     has_links: bool,
     region: Arc<Region>,
 }
@@ -46,7 +48,7 @@ pub(crate) struct Member {
 impl Member {
     pub(crate) fn open(bus: &BusConfig) -> Result<Rc<Self>, OpenError> {
         let settings = settings(bus)?;
-        // Whoever gives the variable another value knows what they do.
+        // An explicit other value of the variable is respected.
         if has_tls(&settings) && std::env::var_os(ONE_THREAD.0).is_none() {
             return Err(OpenError::TwoThreads { bench: bus.bench.clone() });
         }
@@ -74,7 +76,7 @@ impl Member {
         &self.locators
     }
 
-    /// Says that this process launches the bench.
+    /// Announces that this process launches the bench.
     pub(crate) fn announce_launcher(&self) -> Result<LauncherToken, OpenError> {
         LauncherToken::announce(&self.session, &self.bench, self.has_links)
     }
@@ -131,7 +133,7 @@ impl Member {
     }
 }
 
-/// Tells the publishers of a topic apart, so that a subscriber can count the gaps of each.
+/// Identifies a publisher of a topic, so that a subscriber can count its gaps.
 fn publisher_id(session: &zenoh::Session) -> [u8; 16] {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let zid = session.zid().to_le_bytes();
@@ -161,7 +163,7 @@ impl Publisher {
     }
 }
 
-/// What arrived, filled by Zenoh's receiving thread.
+/// Received messages, filled by Zenoh's receiving thread.
 struct Inbox<M> {
     queue: Queue<M>,
     refused: ArrayQueue<Refusal>,
@@ -180,7 +182,7 @@ impl<M: Message> Inbox<M> {
     fn take(&self, sample: &Sample) {
         match read::<M>(sample) {
             Ok(message) => {
-                // A foreign publisher need not say who it is; all such count as one.
+                // A foreign publisher need not identify itself; all such count as one.
                 let publisher = sample
                     .attachment()
                     .map_or(0, |a| <[u8; 16]>::try_from(&a.to_bytes()[..]).map_or(0, u128::from_le_bytes));
@@ -188,7 +190,7 @@ impl<M: Message> Inbox<M> {
                 self.queue.push(message);
             }
             Err(error) => {
-                // When full, what came first says it all.
+                // When the queue is full, the first errors suffice.
                 let _ = self.refused.push(error);
             }
         }
@@ -199,8 +201,8 @@ impl<M: Message> Inbox<M> {
     }
 }
 
-/// The message of a sample, unless it speaks for a node that did not send it: the last part of its key names the sender,
-/// and access control binds that key to the sender's certificate.
+/// Decodes the message of a sample, unless it claims another sender: the last part of its key names the
+/// sender, and access control binds that key to the sender's certificate.
 fn read<M: Message>(sample: &Sample) -> Result<M, Refusal> {
     let message = decode::<M>(&sample.payload().to_bytes())?;
     let said = message.speaker().unwrap_or("");
@@ -232,7 +234,7 @@ impl<M: Message> Subscriber<M> {
     }
 }
 
-/// Whether the settings make this node look for others, rather than wait for them.
+/// True when the settings make this node connect to others instead of waiting for them.
 fn has_links(settings: &Value) -> bool {
     let connects = settings["connect"]["endpoints"].as_array().is_some_and(|all| !all.is_empty());
     let scouts = |how: &str| settings["scouting"][how]["enabled"] == Value::Bool(true);

@@ -1,12 +1,12 @@
-//! The names under which topics travel over Zenoh.
+//! Key expressions of topics over Zenoh.
 
 /// Zenoh's key expression of a topic.
 pub fn key_expression(bench: &str, topic: &str) -> String {
     format!("whirlstand/{bench}/{topic}")
 }
 
-/// Zenoh's key expression for what `name` says of itself on `topic`: a key of its own, so that access control can bind it
-/// to the node.
+/// Zenoh's key expression for messages of the node `name` on `topic`: a separate key, so that access control
+/// can bind it to the node.
 pub fn spoken_key(bench: &str, topic: &str, name: &str) -> String {
     format!("{}/{name}", key_expression(bench, topic))
 }

@@ -1,4 +1,4 @@
-//! From a node's configuration to Zenoh's: defaults, the user's file, endpoints, protection, in this order.
+//! Builds Zenoh's configuration of a node: defaults, the user's file, endpoints, protection, in this order.
 
 use std::net::TcpListener;
 use std::path::Path;
@@ -11,20 +11,20 @@ use serde_json::{Value, json};
 use crate::protection::{Protection, access_control};
 use crate::{BusConfig, OpenError, ZenohConfig};
 
-/// Where Zenoh keeps its TLS settings.
+/// Path of Zenoh's TLS settings.
 const TLS: &str = "/transport/link/tls";
 
-/// Zenoh's own configuration of a node, as JSON: what a program needs to join with any Zenoh package. It holds the
-/// node's private key.
+/// Zenoh's own configuration of a node, as JSON, with which a program can join by any Zenoh package. It
+/// contains the node's private key.
 ///
 /// # Errors
-/// [`OpenError`] for a configuration file that cannot be used, or protects by halves.
+/// [`OpenError`] for a configuration file that cannot be used, or has partial TLS.
 pub fn zenoh_configuration(bus: &BusConfig) -> Result<String, OpenError> {
     settings(bus).map(|settings| format!("{settings:#}\n"))
 }
 
-/// Whirlstand's settings, with the user's file merged over them, the endpoints given in the launch file on top, and the
-/// protection of the bench above all.
+/// Whirlstand's settings, overridden by the user's file, by the endpoints in the launch file, and by the
+/// protection of the bench.
 pub(crate) fn settings(bus: &BusConfig) -> Result<Value, OpenError> {
     let zenoh = &bus.zenoh;
     let mut settings = defaults(bus.wait.congestion);
@@ -74,8 +74,8 @@ fn zenoh_file(path: &Path) -> Result<Value, OpenError> {
 }
 
 impl ZenohConfig {
-    /// Every endpoint that this configuration names, those of the user's file among them, and whether that file
-    /// brings a protection of its own (TLS or access control).
+    /// All endpoints of this configuration, including those of the user's file, and whether that file has its
+    /// own protection (TLS or access control).
     ///
     /// # Errors
     /// [`OpenError`] for a file that cannot be read.
@@ -90,7 +90,8 @@ impl ZenohConfig {
     }
 }
 
-/// Mutual TLS with the node's certificate, on every link, and access control by the names in the certificates.
+/// Adds mutual TLS with the node's certificate on every link, and access control by the names in the
+/// certificates.
 fn protect(settings: &mut Value, bench: &str, protection: &Protection) -> Result<(), String> {
     for side in ["listen", "connect"] {
         let mut all = Vec::new();
@@ -115,7 +116,7 @@ fn protect(settings: &mut Value, bench: &str, protection: &Protection) -> Result
 /// The same endpoint over TLS.
 ///
 /// # Errors
-/// For a protocol that TLS cannot take the place of, as a sentence.
+/// A sentence, for a protocol that TLS cannot replace.
 pub fn over_tls(endpoint: &str) -> Result<String, String> {
     match endpoint.split_once('/') {
         Some(("tls", _)) => Ok(endpoint.into()),
@@ -127,14 +128,14 @@ pub fn over_tls(endpoint: &str) -> Result<String, String> {
     }
 }
 
-/// Whether a session of these settings speaks TLS on any link.
+/// True when a session with these settings uses TLS on any link.
 pub(crate) fn has_tls(settings: &Value) -> bool {
     let mut endpoints = Vec::new();
     ["listen", "connect"].iter().for_each(|side| collect(&settings[side]["endpoints"], &mut endpoints));
     is_given(settings.pointer(TLS)) || endpoints.iter().any(|e| e.starts_with("tls/"))
 }
 
-/// Refuses TLS by halves: whoever gives a certificate wants no link without it.
+/// Refuses partial TLS: with a certificate every link must use it.
 fn check_tls(settings: &mut Value) -> Result<(), String> {
     for kind in ["usrpwd", "pubkey"] {
         if is_given(settings.pointer(&format!("/transport/auth/{kind}"))) {
@@ -196,7 +197,7 @@ fn check_tls(settings: &mut Value) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether a setting says anything.
+/// True when a setting has a value.
 fn is_given(value: Option<&Value>) -> bool {
     match value {
         None | Some(Value::Null | Value::Bool(false)) => false,
@@ -227,13 +228,13 @@ fn merge(into: &mut Value, from: Value) {
     }
 }
 
-/// Replaces port 0 of TCP endpoints by a free port, so that this node can say where it listens. Returns
+/// Replaces port 0 of TCP endpoints by a free port, so that this node can announce where it listens. Returns
 /// all endpoints, and whether a port was chosen here.
 pub(crate) fn fix_ports(settings: &mut Value) -> Result<(Vec<String>, bool), std::io::Error> {
     let mut chosen = false;
     let mut endpoints = Vec::new();
     let Some(list) = settings["listen"]["endpoints"].as_array_mut() else { return Ok((endpoints, chosen)) };
-    // Held until all are chosen, so that no port is chosen twice.
+    // Kept bound until all are chosen, so that no port is chosen twice.
     let mut held = Vec::new();
     for endpoint in list {
         let Some(text) = endpoint.as_str() else { continue };
@@ -259,7 +260,7 @@ pub(crate) fn fix_ports(settings: &mut Value) -> Result<(Vec<String>, bool), std
 mod tests {
     use super::*;
 
-    /// What a configuration says after the checks, or why it is refused.
+    /// The configuration after the checks, or the reason for its refusal.
     fn checked(user: Value) -> Result<Value, String> {
         let mut settings = defaults(Duration::ZERO);
         merge(&mut settings, user);

@@ -1,13 +1,14 @@
-//! Where nodes sleep, and how publishers wake them.
+//! Sleeping and waking of nodes.
 //!
-//! A region of memory, shared by all nodes of a bench, holds one word a topic and one slot a node. A node that
-//! goes to sleep sets its bit in the word of each topic it listens to, looks once more for messages, and sleeps
-//! on its slot. A publisher looks at the word of its topic after publishing; only if bits are set does it clear
-//! them and wake those nodes. So sending costs no system call while nobody sleeps, a node is woken only by its
-//! own topics, and the bit of a killed node is cleared by the first message after its death.
+//! A memory region, shared by all nodes of a bench, holds one word per topic and one slot per node. A node
+//! that goes to sleep sets its bit in the word of each topic it subscribes to, polls once more for messages,
+//! and sleeps on its slot. A publisher reads the word of its topic after publishing; only if bits are set
+//! does it clear them and wake those nodes. So sending needs no system call while no node sleeps, a node is
+//! woken only by its own topics, and the bit of a killed node is cleared by the first message after its
+//! death.
 //!
-//! Every sleep is short ([`crate::WaitStrategy::sleep`]): publishers that know nothing of the region, such as
-//! Python nodes, are seen all the same.
+//! Every sleep is short ([`crate::WaitStrategy::sleep`]), so that messages of publishers without access to
+//! the region, such as Python nodes, are received too.
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 use std::time::Duration;
@@ -15,18 +16,19 @@ use std::time::Duration;
 /// Number of topic words, and of slots; bits of a `u64`.
 const WORDS: usize = 64;
 
-/// The sleepers of one topic, a bit a slot. Topics that share a word wake each other, which is harmless.
+/// Sleeping nodes of one topic, one bit per slot. Topics that share a word wake each other, which is
+/// harmless.
 #[repr(C, align(64))]
 struct TopicWord {
     parked: AtomicU64,
 }
 
-/// Where one node sleeps.
+/// Slot on which one node sleeps.
 #[repr(C, align(64))]
 struct Slot {
-    /// Process that uses the slot; 0: free.
+    /// Process that uses the slot; 0 for a free slot.
     owner: AtomicU32,
-    /// Counts the wake-ups; the futex.
+    /// Number of wake-ups; the futex.
     wakes: AtomicU32,
 }
 
@@ -46,7 +48,7 @@ impl Region {
         }
     }
 
-    /// Wakes everybody who sleeps and listens to the topic; to be called after publishing.
+    /// Wakes all nodes that sleep and subscribe to the topic; to be called after publishing.
     #[inline]
     pub(crate) fn wake(&self, topic: TopicBit) {
         // Orders the publication before the look at the sleepers. A sleeper sets its bit, fences and then looks for
@@ -69,8 +71,8 @@ impl Region {
         }
     }
 
-    /// Takes a slot for this process: a free one, or that of a dead process. When all are in use the last one is
-    /// shared, which costs needless wake-ups only.
+    /// Takes a slot for this process: a free one, or that of a dead process. When all are in use the last one
+    /// is shared, which only causes unnecessary wake-ups.
     pub(crate) fn take_slot(&self) -> usize {
         let me = std::process::id();
         let take = |old: u32, slot: &Slot| {
@@ -86,14 +88,15 @@ impl Region {
         .unwrap_or(WORDS - 1)
     }
 
-    /// Gives a slot back.
+    /// Frees a slot.
     pub(crate) fn free_slot(&self, slot: usize) {
         let me = std::process::id();
         // Fails when the slot is shared and belongs to another process, which keeps it.
         let _ = self.slots[slot].owner.compare_exchange(me, 0, Ordering::AcqRel, Ordering::Relaxed);
     }
 
-    /// Sleeps until a topic of `topics` is published on, or `timeout` is over; not at all if `ready` says so.
+    /// Sleeps until a message is published on a topic of `topics`, or `timeout` is over; not at all if
+    /// `ready` returns true.
     pub(crate) fn sleep<E>(
         &self,
         slot: usize,
@@ -122,12 +125,12 @@ impl Region {
     }
 }
 
-/// Which word of the region belongs to a topic.
+/// Index of a topic's word in the region.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TopicBit(usize);
 
 impl TopicBit {
-    /// The same topic has the same word in every process.
+    /// Index of a topic's word, the same in every process.
     pub(crate) fn of(topic: &str) -> Self {
         let hash = topic.bytes().fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
@@ -135,7 +138,7 @@ impl TopicBit {
         Self(hash as usize % WORDS)
     }
 
-    /// As a set of one.
+    /// The topic as a bit set.
     pub(crate) fn mask(self) -> u64 {
         1 << self.0
     }

@@ -1,9 +1,10 @@
-//! Who is on a bench: a small file in shared memory, locked by every member, that also holds the park region.
+//! Presence on a bench: a small file in shared memory, locked by every member, that also holds the park
+//! region.
 //!
-//! Each member holds a shared lock on the file; the operating system lets go of it however the process ends. So an
-//! exclusive lock shows that nobody is left, and whoever gets it may remove everything that carries the bench's
-//! name: the last member does so when it leaves, the first when it comes (a node killed while it joined may have left
-//! something half made that would stop all others), and [`crate::remove_residue`] after killed ones.
+//! Each member holds a shared lock on the file; the operating system releases it however the process ends. So
+//! an exclusive lock proves that no member is left, and its owner may remove all files of the bench: the last
+//! member does so when it leaves, the first when it joins (a node killed while joining may have left
+//! incomplete files that would block all others), and [`crate::remove_residue`] after killed ones.
 
 use std::fs::File;
 use std::io;
@@ -18,7 +19,7 @@ use crate::park::Region;
 use crate::residue::{clear, clear_out, is_alone, park_path};
 use crate::shared_memory_space::{full, take};
 
-/// A member's share of the park file.
+/// A member's reference to the park file.
 pub(crate) struct Presence {
     bench: String,
     path: PathBuf,

@@ -1,7 +1,9 @@
-//! Who may do what on a bench over Zenoh: mutual TLS says who a node is, access control what it may publish.
+//! Protection of a bench over Zenoh: mutual TLS authenticates the nodes, access control limits what they may
+//! publish.
 //!
-//! Not Zenoh's user and password: there only the side that connects shows who it is, so that a node could not tell who
-//! answers where a peer used to listen. With certificates both sides of every link are known by their common name.
+//! Zenoh's user and password are not used: they authenticate only the connecting side, so that a node could
+//! not verify who answers at a peer's address. With certificates both sides of every link are known by their
+//! common name.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -16,17 +18,18 @@ use crate::network_keys::{key_expression, spoken_key};
 /// A session that speaks TLS is refused without it ([`crate::OpenError::TwoThreads`]).
 pub const ONE_THREAD: (&str, &str) = ("ZENOH_RUNTIME", "(rx: (handover: tx), tx: (worker_threads: 1))");
 
-/// What a node needs to take part in a protected bench.
+/// Settings with which a node joins a protected bench.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Protection {
-    /// How this node shows who it is.
+    /// Identity of this node.
     pub identity: Identity,
-    /// Everybody who may take part. A certificate with another name joins, and may neither publish nor subscribe.
+    /// All members of the bench. A node with another certificate can connect, but neither publish nor
+    /// subscribe.
     pub members: Vec<Member>,
 }
 
-/// A node's key and certificate, and the authority that vouches for the others; all in PEM.
+/// Key and certificate of a node, and the certificate of the authority that signed the others; all in PEM.
 #[derive(Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
@@ -38,37 +41,37 @@ pub struct Identity {
     pub key: String,
 }
 
-/// Without the key: configurations are printed.
+/// Omits the key, as configurations are printed.
 impl std::fmt::Debug for Identity {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Identity").finish_non_exhaustive()
     }
 }
 
-/// One who may take part in a bench. All members may subscribe to all topics.
+/// A member of a bench. All members may subscribe to all topics.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Member {
     /// The node's name.
     pub name: String,
-    /// What it may publish.
+    /// Topics that it may publish.
     pub writes: Writes,
 }
 
-/// What a member may publish.
+/// Topics that a member may publish.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Writes {
-    /// Nothing: it watches.
+    /// No topic: the member only listens.
     Nothing,
-    /// These topics, and its own `Health`.
+    /// Only these topics, and its own `Health`.
     Only(Vec<String>),
-    /// Any topic but these, and its own `Health`.
+    /// Any topic except these, and its own `Health`.
     AllBut(Vec<String>),
 }
 
 impl Writes {
-    /// Key expressions that are allowed, and those that are not for all that.
+    /// Key expressions that are allowed, and exceptions that are denied.
     fn keys(&self, bench: &str, name: &str) -> (Vec<String>, Vec<String>) {
         let key = |topic: &String| key_expression(bench, topic);
         let health = spoken_key(bench, Health::TOPIC, name);
@@ -83,13 +86,13 @@ impl Writes {
     }
 }
 
-/// Zenoh's `access_control` for a bench: whatever is not allowed here is denied.
+/// Zenoh's `access_control` for a bench, which denies everything by default.
 pub(crate) fn access_control(bench: &str, members: &[Member]) -> Value {
     let all = key_expression(bench, "**");
     let mut rules = vec![
         json!({ "id": "subscribe", "permission": "allow", "flows": ["ingress"],
                 "messages": ["declare_subscriber"], "key_exprs": [all] }),
-        // What others may not know is kept from them by their not being members.
+        // Confidentiality needs no rule: other programs are not members.
         json!({ "id": "send", "permission": "allow", "flows": ["egress"],
                 "messages": ["put", "declare_subscriber"], "key_exprs": [all] }),
     ];

@@ -1,4 +1,5 @@
-//! What killed processes leave of a bench: how it is told from what is in use, and how it is removed.
+//! Leftover files of killed processes: how they are distinguished from those in use, and how they are
+//! removed.
 
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -17,17 +18,17 @@ use crate::shared_memory_config::{
     ROOTS, SHARED_MEMORY, bench_of_file, bench_of_root, config, prefix, root_path,
 };
 
-/// What [`remove_residue`] did.
+/// Result of [`remove_residue`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Residue {
-    /// Files and folders removed, dead nodes cleaned up.
+    /// Number of files and folders removed and dead nodes cleaned up.
     pub removed: usize,
-    /// Whether somebody is still on the bench; then only what dead nodes left was removed.
+    /// True when a process still uses the bench; then only files of dead nodes were removed.
     pub in_use: bool,
 }
 
-/// Removes what killed processes left of a bench: shared memory, iceoryx2's files, the park file. Nothing of
-/// another bench is touched, and nothing that a live process of this bench uses.
+/// Removes leftover files of killed processes on a bench: shared memory, iceoryx2's files, the park file.
+/// Files of other benches and of live processes are not touched.
 ///
 /// # Errors
 /// [`ResidueError`] when a file cannot be removed, for example because it belongs to another user.
@@ -45,20 +46,20 @@ pub fn remove_residue(bench: &str) -> Result<Residue, ResidueError> {
 /// A bench of which only files are left.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StaleBench {
-    /// Its name.
+    /// Name of the bench.
     pub bench: String,
-    /// Files that it left in shared memory and beside it.
+    /// Number of its files in shared memory and beside it.
     pub files: usize,
-    /// Memory and disk that they take, bytes.
+    /// Memory and disk space of its files, bytes.
     pub bytes: u64,
-    /// Age of the oldest of them: when the bench began.
+    /// Time of the oldest file, when the bench began.
     pub since: SystemTime,
 }
 
-/// The bench that a file belongs to by its name.
+/// Function that returns the bench of a file by the file's name.
 type BenchOf = fn(&str) -> Option<&str>;
 
-/// The benches of this user of which every process is gone and files are left; a look that changes nothing.
+/// Benches of this user with leftover files and no process; reads only.
 ///
 /// # Errors
 /// [`ResidueError::File`] when shared memory cannot be listed.
@@ -68,7 +69,7 @@ pub fn stale_benches() -> Result<Vec<StaleBench>, ResidueError> {
         let entries =
             std::fs::read_dir(folder).map_err(|source| ResidueError::File { path: folder.into(), source })?;
         let own = rustix::process::geteuid().as_raw();
-        // Files of other users are theirs to remove; what vanishes meanwhile is no matter.
+        // Files of other users are not considered; files that vanish meanwhile are ignored.
         let mine = |e: &std::fs::DirEntry| own == 0 || e.metadata().is_ok_and(|m| m.uid() == own);
         for entry in entries.flatten().filter(mine) {
             let name = entry.file_name();
@@ -79,7 +80,7 @@ pub fn stale_benches() -> Result<Vec<StaleBench>, ResidueError> {
     Ok(names.into_iter().filter_map(|bench| measured(&bench)).collect())
 }
 
-/// Whether files are all that is left of a bench. What cannot be told counts as in use.
+/// True when a bench has only files left. An undecidable case counts as in use.
 fn is_stale(bench: &str) -> bool {
     let left = match OpenOptions::new().read(true).write(true).open(park_path(bench)) {
         Ok(file) => is_alone(&file).unwrap_or(false),
@@ -88,7 +89,7 @@ fn is_stale(bench: &str) -> bool {
     left && nodes(bench).is_ok_and(|nodes| !nodes.iter().any(|n| matches!(n, NodeState::Alive(_))))
 }
 
-/// What is left of a bench; `None` when nothing is.
+/// Leftover files of a bench; `None` without any.
 fn measured(bench: &str) -> Option<StaleBench> {
     let prefix = prefix(bench);
     let shared = std::fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
@@ -128,7 +129,7 @@ fn nodes(bench: &str) -> Result<Vec<NodeState<ipc::Service>>, ResidueError> {
     Ok(nodes)
 }
 
-/// Lets iceoryx2 clean up after dead nodes while others are at work; returns how many.
+/// Lets iceoryx2 clean up after dead nodes while others are running; returns their number.
 fn clean_dead_nodes(bench: &str) -> Result<usize, ResidueError> {
     let cleaned = |state| match state {
         NodeState::Dead(dead) => dead.try_remove_stale_resources().is_ok(),
@@ -137,8 +138,8 @@ fn clean_dead_nodes(bench: &str) -> Result<usize, ResidueError> {
     Ok(nodes(bench)?.into_iter().map(cleaned).filter(|cleaned| *cleaned).count())
 }
 
-/// Whether this handle now holds the exclusive lock on the file that bears the name, and nobody else is there. A
-/// lock on a file that was removed meanwhile means nothing: others may have made a new one.
+/// True when this handle holds the exclusive lock on the file with this name, so that no other member exists.
+/// A lock on a file that was removed meanwhile is invalid: others may have created a new one.
 pub(crate) fn is_alone(file: &File) -> io::Result<bool> {
     match file.try_lock() {
         Ok(()) => Ok(file.metadata()?.nlink() > 0),
@@ -147,7 +148,7 @@ pub(crate) fn is_alone(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Removes everything that carries the bench's name, the park file last, because it is the lock: a member that joins
+/// Removes all files with the bench's name, the park file last, because it is the lock: a member that joins
 /// meanwhile waits for it and then starts afresh. To be called with the exclusive lock held.
 pub(crate) fn clear_out(bench: &str, park: &Path) -> Result<Residue, ResidueError> {
     let mut residue = clear(bench, park)?;
@@ -158,13 +159,13 @@ pub(crate) fn clear_out(bench: &str, park: &Path) -> Result<Residue, ResidueErro
     Ok(residue)
 }
 
-/// Removes everything that carries the bench's name but the park file; to be called with the exclusive lock held.
+/// Removes all files with the bench's name except the park file; to be called with the exclusive lock held.
 pub(crate) fn clear(bench: &str, park: &Path) -> Result<Residue, ResidueError> {
     if nodes(bench)?.iter().any(|state| matches!(state, NodeState::Alive(_))) {
-        // A foreign iceoryx2 program, which does not lock the park file, is still on the bench.
+        // A foreign iceoryx2 program, which does not lock the park file, still uses the bench.
         return Ok(Residue { removed: clean_dead_nodes(bench)?, in_use: true });
     }
-    // Not iceoryx2's own cleaning, which can wait for ever on what a killed node left half made.
+    // iceoryx2's own cleaning is avoided, as it can block forever on incomplete files of a killed node.
     let mut removed = 0;
     let failed = |path: &Path, source: io::Error| ResidueError::File { path: path.into(), source };
     let shared = Path::new(SHARED_MEMORY);
@@ -180,7 +181,7 @@ pub(crate) fn clear(bench: &str, park: &Path) -> Result<Residue, ResidueError> {
     Ok(Residue { removed, in_use: false })
 }
 
-/// 1 if something was removed, 0 if it was not there.
+/// Number of removed files: 1, or 0 if it did not exist.
 fn gone(result: io::Result<()>) -> io::Result<usize> {
     match result {
         Ok(()) => Ok(1),

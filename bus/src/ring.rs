@@ -1,9 +1,9 @@
-//! A ring of three processes that pass a message round, once bare over iceoryx2 and once over the bus: what the
-//! bus adds to the floor of this machine.
+//! Benchmark ring of three processes that pass a message around, once directly over iceoryx2 and once over
+//! the bus: measures the overhead of the bus relative to this machine's minimum.
 //!
-//! Position 0 sends [`Imu`], position 1 answers with [`Estimate`], position 2 with [`Command`], which closes the lap:
-//! the payloads of the control loop without its arithmetic. Run each position in a process of its own, all three
-//! with the same bench and laps; [`Ring::run`] returns the time of the laps at position 0.
+//! Position 0 sends [`Imu`], position 1 answers with [`Estimate`], position 2 with [`Command`], which closes
+//! the lap: the payloads of the control loop without its computation. Run each position in its own process,
+//! all three with the same bench and laps; [`Ring::run`] returns the time of the laps at position 0.
 
 use std::time::{Duration, Instant};
 
@@ -18,30 +18,30 @@ use crate::shared_memory::Shared;
 use crate::shared_memory_config::config;
 use crate::{Bus, BusConfig, OpenError, Publisher, Subscriber};
 
-/// Processes in the ring.
+/// Number of processes in the ring.
 pub const POSITIONS: usize = 3;
 
-/// Step that tells the others to end.
+/// Step number that ends the other processes.
 const END: u64 = u64::MAX;
 
-/// How often position 0 knocks until the ring is closed.
+/// Period of position 0's messages until the ring is closed.
 const OPENING_PERIOD: Duration = Duration::from_millis(5);
 
-/// How long a lap may take before the ring counts as broken.
+/// Longest time of a lap; after it the ring counts as broken.
 const LAP_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// One ring.
+/// Configuration of a ring.
 #[derive(Debug, Clone)]
 pub struct Ring {
-    /// Bench, transport and waiting; a bare ring uses the bench's name only.
+    /// Bench, transport and waiting strategy; a bare ring uses only the bench's name.
     pub bus: BusConfig,
-    /// Whether to use iceoryx2 alone, with a yield of the processor between looks.
+    /// True to use iceoryx2 alone, with a yield of the processor between polls.
     pub bare: bool,
-    /// Laps to time, after one tenth as many to warm up.
+    /// Number of timed laps, after one tenth as many for warm-up.
     pub laps: u64,
 }
 
-/// Why a ring did not run.
+/// Reason why a ring did not run.
 #[derive(Debug, thiserror::Error)]
 pub enum RingError {
     /// The bus refused.
@@ -50,7 +50,7 @@ pub enum RingError {
     /// Sending, receiving or opening failed.
     #[error("ring: {0}")]
     Port(String),
-    /// A message did not come back.
+    /// A message did not return.
     #[error("ring: nothing came round within {} s", LAP_TIMEOUT.as_secs())]
     Broken,
 }
@@ -98,7 +98,7 @@ impl Ring {
                 start = Instant::now();
             }
             link.send(&at(lap))?;
-            // Answers to knocks may still come in between.
+            // Answers to the opening messages may still arrive in between.
             while link.receive(Instant::now() + LAP_TIMEOUT)?.ok_or(RingError::Broken)?.head.step != lap {}
         }
         let elapsed = start.elapsed();
@@ -117,7 +117,7 @@ impl Ring {
             let text = format!("bare/{topic}");
             ServiceName::new(&text).map_err(|e| failed(format!("{e:?}")))
         };
-        // As iceoryx2 comes, but for where its files lie.
+        // The default iceoryx2 configuration, except for the location of its files.
         let mut config = config(&self.bus.bench)?;
         config.defaults = Config::default().defaults;
         let node = NodeBuilder::new()
@@ -146,14 +146,14 @@ fn follow<L: Link>(link: &mut L) -> Result<(), RingError> {
     }
 }
 
-/// One position's input and output.
+/// Input and output of one position.
 trait Link {
     type In: Message;
     type Out: Message;
 
     fn send(&mut self, message: &Self::Out) -> Result<(), RingError>;
 
-    /// `None` when the deadline is over.
+    /// Receives a message; `None` when the deadline is over.
     fn receive(&mut self, deadline: Instant) -> Result<Option<Self::In>, RingError>;
 }
 

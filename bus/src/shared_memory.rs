@@ -1,9 +1,10 @@
-//! Between processes of one machine: iceoryx2, which passes the `repr(C)` type itself through shared memory.
+//! Transport between processes of one machine: iceoryx2, which passes the `repr(C)` type itself through
+//! shared memory.
 //!
-//! Each bench is an iceoryx2 domain of its own: its files carry the prefix `whirlstand.BENCH~` and lie in
-//! `/dev/shm` and in `/tmp/whirlstand.BENCH/`. So benches never meet, other iceoryx2 users are not disturbed, and
-//! what killed processes leave can be removed by name. A foreign program joins by setting the same prefix and root
-//! path in its iceoryx2 configuration; `docs/wire-format.md` gives the service's settings.
+//! Each bench is its own iceoryx2 domain: its files have the prefix `whirlstand.BENCH~` and are in `/dev/shm`
+//! and in `/tmp/whirlstand.BENCH/`. So benches are separate, other iceoryx2 users are not disturbed, and
+//! leftover files of killed processes can be removed by name. A foreign program joins by setting the same
+//! prefix and root path in its iceoryx2 configuration; `docs/wire-format.md` gives the service's settings.
 
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::rc::Rc;
@@ -33,15 +34,15 @@ use crate::shared_memory_config::{
 use crate::shared_memory_space::{FOR_SERVICE, FOR_SUBSCRIBER, Turn, for_publisher};
 use crate::{BusConfig, OpenError, RecvError, SendError, Transport};
 
-/// Nodes a bench can have.
+/// Largest number of nodes of a bench.
 pub const MAX_NODES: usize = 32;
 /// Key of the service attribute that holds the schema hash, as `0x` and 16 hexadecimal digits.
 pub const SCHEMA_ATTRIBUTE: &str = "whirlstand.schema";
 
-/// How long to try again while another process is in the middle of making or removing the same service.
+/// Duration of retries while another process creates or removes the same service.
 const SETTLE: Duration = Duration::from_secs(2);
 
-/// A message in shared memory, under its Whirlstand type name.
+/// A message in shared memory, with its Whirlstand type name.
 #[derive(Debug, Clone, Copy)]
 #[repr(transparent)]
 pub(crate) struct Shared<M>(pub(crate) M);
@@ -64,7 +65,8 @@ pub fn service_name(bench: &str, topic: &str) -> String {
 /// A node's membership in a bench.
 pub(crate) struct Member {
     bench: String,
-    // Dropped in this order: the node's files go first, then, with the last member, all that is left of the bench.
+    // Fields are dropped in this order: the node's files first, then, with the last member, all files of the
+    // bench.
     node: Node<ipc::Service>,
     presence: Presence,
 }
@@ -79,7 +81,7 @@ impl Member {
         let turn = Turn::wait(&bus.bench)?;
         turn.require("a node", FOR_SERVICE)?;
         let name = NodeName::new(&bus.node).map_err(|e| refused(format!("{e:?}")))?;
-        // The program that uses the bus decides what a signal does.
+        // Signal handling is left to the program that uses the bus.
         let node = NodeBuilder::new()
             .name(&name)
             .config(&config)
@@ -172,7 +174,7 @@ impl Member {
         }
     }
 
-    /// The schema hash that an existing service was made with, and its type.
+    /// Schema hash and type of an existing service.
     fn schema_in_use(&self, name: &ServiceName) -> String {
         let details = ipc::Service::details(name, self.node.config(), MessagingPattern::PublishSubscribe);
         let Ok(Some(details)) = details else { return "that this program cannot read".into() };
@@ -188,7 +190,8 @@ impl Member {
     }
 }
 
-/// Makes the folder of iceoryx2's other files before iceoryx2 does, which would let the owner's group read it.
+/// Creates the folder of iceoryx2's other files before iceoryx2 does, which would make it readable by the
+/// owner's group.
 fn make_private_root(bench: &str) -> Result<(), OpenError> {
     let path = root_path(bench);
     match std::fs::DirBuilder::new().mode(0o700).create(&path) {
@@ -199,7 +202,8 @@ fn make_private_root(bench: &str) -> Result<(), OpenError> {
     }
 }
 
-/// iceoryx2 makes its count of nodes so that everybody may write it, whatever the process's mask says.
+/// Restricts iceoryx2's count of nodes, which it creates writable by everybody, whatever the process's mask
+/// is.
 fn close_to_others(bench: &str) -> Result<(), OpenError> {
     let prefix = prefix(bench);
     let folder = std::path::Path::new(SHARED_MEMORY);
@@ -225,7 +229,7 @@ fn is_schema_mismatch(error: &PublishSubscribeOpenOrCreateError) -> bool {
     )
 }
 
-/// Another process is making, removing or cleaning up the same service right now.
+/// True when another process creates, removes or cleans up the same service at this moment.
 fn is_in_flux(error: &PublishSubscribeOpenOrCreateError) -> bool {
     use PublishSubscribeOpenOrCreateError as E;
     match error {
@@ -263,7 +267,7 @@ pub(crate) struct Publisher<M: Message> {
 }
 
 impl<M: Message> Publisher<M> {
-    /// Never waits: a full queue loses its oldest message.
+    /// Sends a message without waiting: a full queue loses its oldest message.
     #[inline]
     pub(crate) fn send(&mut self, topic: &str, message: &M, seq: u64) -> Result<(), SendError> {
         let refused = |reason: String| SendError { topic: topic.into(), reason };

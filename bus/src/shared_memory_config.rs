@@ -1,4 +1,4 @@
-//! Names of a bench's files, and the iceoryx2 configuration that joins it.
+//! File names of a bench, and its iceoryx2 configuration.
 
 use std::path::PathBuf;
 
@@ -7,35 +7,35 @@ use iceoryx2::prelude::{FileName, Path, SemanticString};
 
 use crate::OpenError;
 
-/// Where POSIX shared memory lives on Linux.
+/// Folder of POSIX shared memory on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 
-/// Publishers a topic can have; every node publishes `health`.
+/// Largest number of publishers per topic; every node publishes `health`.
 pub const MAX_PUBLISHERS: usize = 8;
-/// Subscribers a topic can have.
+/// Largest number of subscribers per topic.
 pub const MAX_SUBSCRIBERS: usize = 8;
 /// Longest queue of a subscriber.
 pub const MAX_DEPTH: usize = 1024;
-/// Messages of a subscriber that it can hold beside its queue.
+/// Number of messages that a subscriber can hold besides its queue.
 pub(crate) const MAX_BORROWED: usize = 2;
 
-/// Where the folders of [`root_path`] are.
+/// Parent folder of [`root_path`].
 pub(crate) const ROOTS: &str = "/tmp";
 
-/// How the names of all benches' files begin.
+/// Common prefix of the file names of all benches.
 const FAMILY: &str = "whirlstand.";
 
-/// File name prefix of all that belongs to the bench. No bench name contains `~`, so no prefix begins another.
+/// File name prefix of the bench. No bench name contains `~`, so no prefix is the beginning of another.
 pub(crate) fn prefix(bench: &str) -> String {
     format!("{FAMILY}{bench}~")
 }
 
-/// The bench that a file in shared memory belongs to by its name.
+/// Bench of a file in shared memory, from the file's name.
 pub(crate) fn bench_of_file(name: &str) -> Option<&str> {
     Some(name.strip_prefix(FAMILY)?.split_once('~')?.0)
 }
 
-/// The bench that a folder beside [`root_path`] belongs to by its name.
+/// Bench of a folder beside [`root_path`], from the folder's name.
 pub(crate) fn bench_of_root(name: &str) -> Option<&str> {
     name.strip_prefix(FAMILY)
 }
@@ -45,7 +45,7 @@ pub(crate) fn root_path(bench: &str) -> PathBuf {
     PathBuf::from(ROOTS).join(format!("{FAMILY}{bench}"))
 }
 
-/// The iceoryx2 configuration that joins a bench.
+/// The iceoryx2 configuration of a bench.
 pub(crate) fn config(bench: &str) -> Result<Config, OpenError> {
     let refused = |reason: String| OpenError::Name { what: "bench", name: bench.into(), reason };
     let mut config = Config::default();
@@ -55,8 +55,9 @@ pub(crate) fn config(bench: &str) -> Result<Config, OpenError> {
     config
         .global
         .set_root_path(&Path::new(root.as_bytes()).map_err(|e| refused(format!("iceoryx2: {e:?}")))?);
-    // Every look for a message walks over these places as well; iceoryx2's default of 128 costs more than all the rest
-    // of the look. They hold what a publisher sent before it went, and as many publishers as a topic has can go at once.
+    // Every poll for a message iterates over these places as well; iceoryx2's default of 128 costs more than
+    // the rest of the poll. They hold messages of publishers that have ended; all publishers of a topic can
+    // end at once.
     config.defaults.publish_subscribe.subscriber_expired_connection_buffer = MAX_PUBLISHERS;
     Ok(config)
 }

@@ -1,10 +1,10 @@
-//! Room in shared memory, seen to before it is used.
+//! Reservation of space in shared memory.
 //!
-//! A file in shared memory takes its pages when they are first written, and where none is left the writer gets SIGBUS in
-//! the midst of its work. So what a port will need is asked for before iceoryx2 makes its files, and their pages are taken
-//! as soon as the files are there: from then on nobody else can have them. Between the two it is one node's [`Turn`]: the
-//! nodes of a bench open their ports at the same time, and two that ask before either takes would both be told that there
-//! is room.
+//! A file in shared memory allocates its pages when they are first written, and where none is left the writer
+//! gets SIGBUS in the midst of its work. So the space of a port is checked before iceoryx2 creates its files,
+//! and their pages are allocated as soon as the files exist: from then on they cannot be taken by others.
+//! Only one node at a time has the [`Turn`] in between: nodes of a bench open their ports at the same time,
+//! and two that check before either allocates would both find enough space.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -18,37 +18,39 @@ use crate::shared_memory_config::{
     MAX_BORROWED, MAX_DEPTH, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SHARED_MEMORY, prefix, root_path,
 };
 
-/// What iceoryx2 keeps beside each sample: its header, its place in the free list and its reference count, bytes.
+/// Memory that iceoryx2 needs per sample besides the sample: its header, its entry in the free list and its
+/// reference count, bytes.
 const BESIDE_A_SAMPLE: u64 = 96;
-/// What a segment has beside its samples, bytes.
+/// Memory of a segment besides its samples, bytes.
 const BESIDE_SAMPLES: u64 = 64 << 10;
-/// A connection between a publisher and a subscriber of the greatest depth, bytes.
+/// Memory of a connection between a publisher and a subscriber of the largest depth, bytes.
 const CONNECTION: u64 = 32 << 10;
-/// What iceoryx2 keeps of a service, bytes.
+/// Memory of an iceoryx2 service, bytes.
 const SERVICE: u64 = 16 << 10;
-/// What stays free, for the small files that come later: connections to ports that open after this one, bytes.
+/// Margin that stays free for small files created later: connections to ports that open after this one,
+/// bytes.
 const MARGIN: u64 = 512 << 10;
 
-/// Files of a node and of a service that opens it.
+/// Memory of a node's files and of a service that it opens, bytes.
 pub(crate) const FOR_SERVICE: u64 = SERVICE;
-/// Connections of one subscriber.
+/// Memory of the connections of one subscriber, bytes.
 pub(crate) const FOR_SUBSCRIBER: u64 = MAX_PUBLISHERS as u64 * CONNECTION;
 
-/// The segment of one publisher and its connections; `sample` is the size of a message, bytes.
+/// Memory of one publisher's segment and its connections, bytes; `sample` is the size of a message, bytes.
 pub(crate) fn for_publisher(sample: usize) -> u64 {
     let samples = (MAX_SUBSCRIBERS * (MAX_DEPTH + MAX_BORROWED) + 1) as u64;
     samples * (sample as u64 + BESIDE_A_SAMPLE) + BESIDE_SAMPLES + MAX_SUBSCRIBERS as u64 * CONNECTION
 }
 
-/// The time in which one node of a bench, and no other, takes room: until it is dropped, or its process ends.
+/// Exclusive right of one node of a bench to reserve space, until it is dropped or its process ends.
 pub(crate) struct Turn {
     bench: String,
     _folder: File,
 }
 
 impl Turn {
-    /// Waits until no other node of the bench has its turn. What is locked is the bench's own folder, which is there before
-    /// any port is.
+    /// Waits until no other node of the bench has its turn. The lock is on the bench's own folder, which
+    /// exists before any port.
     ///
     /// # Errors
     /// [`OpenError::File`] when the folder cannot be opened or locked.
@@ -59,20 +61,20 @@ impl Turn {
         Ok(Self { bench: bench.into(), _folder: folder })
     }
 
-    /// Sees that shared memory has room for `bytes` more.
+    /// Checks that shared memory has space for `bytes` more.
     ///
     /// # Errors
     /// [`OpenError::Full`].
     pub(crate) fn require(&self, what: &str, bytes: u64) -> Result<(), OpenError> {
         let Ok(space) = statvfs(SHARED_MEMORY) else { return Ok(()) };
-        // A file system without a limit says that it has no blocks.
+        // A file system without a limit reports no blocks.
         if space.f_blocks == 0 || space.f_bavail * space.f_frsize >= bytes + MARGIN {
             return Ok(());
         }
         Err(full(&self.bench, what, bytes + MARGIN))
     }
 
-    /// Takes the pages of the files that belong to a port of the bench: those with its number in their name.
+    /// Allocates the pages of the files of a port of the bench: those with the port's number in their name.
     ///
     /// # Errors
     /// [`OpenError::Full`] when there are not enough, [`OpenError::File`] for a file that cannot be used.
@@ -87,7 +89,7 @@ impl Turn {
             if name.starts_with(&prefix) && name.contains(&number) {
                 let path = entry.path();
                 match take_pages(&path) {
-                    // A connection goes when the other side does.
+                    // A connection's file is removed when the other side closes it.
                     Err(e) if e.kind() == io::ErrorKind::NotFound => {}
                     Err(e) if e.kind() == io::ErrorKind::StorageFull => {
                         return Err(full(&self.bench, what, length(&path)));
@@ -100,20 +102,20 @@ impl Turn {
     }
 }
 
-/// Takes the pages of a file as long as it is.
+/// Allocates all pages of a file.
 fn take_pages(path: &Path) -> io::Result<()> {
     let file = OpenOptions::new().read(true).write(true).open(path)?;
     take(&file, file.metadata()?.len())
 }
 
-/// Takes the pages of the first `length` bytes of a file, and makes it that long at least.
+/// Allocates the pages of the first `length` bytes of a file, and extends it to at least that length.
 pub(crate) fn take(file: &std::fs::File, length: u64) -> io::Result<()> {
     if length == 0 {
         return Ok(());
     }
     match fallocate(file, FallocateFlags::empty(), 0, length) {
         Ok(()) => Ok(()),
-        // This kind of file system takes pages when they are written, and there is no other way.
+        // This kind of file system allocates pages only when they are written.
         Err(Errno::OPNOTSUPP) if file.metadata()?.len() >= length => Ok(()),
         Err(Errno::OPNOTSUPP) => file.set_len(length),
         Err(e) => Err(e.into()),
@@ -124,7 +126,7 @@ fn length(path: &Path) -> u64 {
     std::fs::metadata(path).map_or(0, |m| m.len())
 }
 
-/// The error that tells of too little room.
+/// Error for too little space.
 pub(crate) fn full(bench: &str, what: &str, needed: u64) -> OpenError {
     let space = statvfs(SHARED_MEMORY).ok();
     let bytes =
@@ -142,7 +144,8 @@ pub(crate) fn full(bench: &str, what: &str, needed: u64) -> OpenError {
 mod tests {
     use super::*;
 
-    /// Two nodes that asked at once were both told of the same free pages; the second was then ended by SIGBUS.
+    /// Two nodes that checked at once would both be promised the same free pages; the second would then get
+    /// SIGBUS.
     #[test]
     fn one_node_of_a_bench_at_a_time_takes_room() {
         let bench = format!("turn-{}", std::process::id());

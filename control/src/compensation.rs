@@ -1,4 +1,4 @@
-//! What a law takes back of effects that are not linear, and where it had better not.
+//! Compensation of nonlinear effects by a law, and the decision where that would be unsafe.
 //!
 //! Sources: inverses of dead zone and backlash, Tao and Kokotovic, "Adaptive Control of Systems with Actuator and Sensor
 //! Nonlinearities", 1996; friction, Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30, 1994; limits within the
@@ -13,21 +13,21 @@ use whirlstand_vehicle::LinearModel;
 use crate::actuation::{FrictionForward, Inverse};
 use crate::design::Design;
 
-/// An effect that is not linear and that a law can take back.
+/// A nonlinear effect that a law can compensate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Compensation {
     /// The command jumps over the dead zone.
     DeadZone,
-    /// The command takes up the play whenever it turns.
+    /// The command traverses the backlash whenever it reverses.
     Backlash,
-    /// The inputs push against the friction of the motion that is estimated.
+    /// The inputs counteract the friction of the estimated motion.
     CoulombFriction,
-    /// The law and its integrators keep within the limits.
+    /// The law and its integrators respect the limits.
     InputSaturation,
-    /// The law and its integrators keep to the rate.
+    /// The law and its integrators respect the rate limit.
     RateLimit,
-    /// The command is divided by what the gain has become.
+    /// The command is divided by the drifted gain.
     GainDrift,
 }
 
@@ -45,42 +45,42 @@ impl Compensation {
     }
 }
 
-/// An effect that was to be taken back and is not, because that would be unsafe.
+/// An effect whose compensation was requested and declined, because it would be unsafe.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Declined {
     /// The effect.
     pub effect: Compensation,
-    /// The input or state.
+    /// The input or state of the effect.
     pub place: String,
-    /// Why, in a sentence.
+    /// Reason, as a sentence.
     pub why: String,
 }
 
-/// Steepest inverse of a dead zone or play, and the part of the gain margin that it may use up.
+/// Largest slope of an inverse of dead zone or backlash, and the share of the gain margin that it may use up.
 const STEEPEST: f64 = 5.0;
 const OF_MARGIN: f64 = 0.7;
-/// An inverse that is less steep takes too little back to be worth its noise.
+/// Smallest useful slope of an inverse: a flatter one compensates too little to be worth its noise.
 const FLATTEST: f64 = 2.0;
-/// Longest time that a limited rate may take for the jump of an inverse, s.
+/// Longest time in which a limited rate may complete the jump of an inverse, s.
 const LONGEST_JUMP_S: f64 = 0.1;
-/// Narrowest smooth sign in parts of its state's size, and how often it may be doubled.
+/// Smallest width of the smooth sign relative to its state's size, and how often it may be doubled.
 const NARROWEST: f64 = 0.02;
 const DOUBLINGS: i32 = 6;
-/// Part of an input's room that friction may take.
+/// Share of an input's range that friction may take.
 const OF_ROOM: f64 = 0.5;
 
-/// What is taken back, and what had better not be.
+/// Compensation that is safe, and effects whose compensation is declined.
 #[derive(Debug, Default)]
 pub struct Judged {
-    /// One an input; empty for none.
+    /// One inverse per input; empty for none.
     pub inverses: Vec<Inverse>,
-    /// Against friction.
+    /// Feedforward against friction.
     pub friction: FrictionForward,
-    /// What is left alone.
+    /// Effects that are not compensated.
     pub declined: Vec<Declined>,
 }
 
-/// Judges what was asked for. Effects that the vehicle does not have are no matter.
+/// Judges the requested compensations. Requested effects that the vehicle does not have are ignored.
 pub fn judge(design: &Design, linear: &LinearModel, asked: &[Compensation]) -> Judged {
     let mut judged = Judged::default();
     if asked.is_empty() {
@@ -88,7 +88,7 @@ pub fn judge(design: &Design, linear: &LinearModel, asked: &[Compensation]) -> J
     }
     for i in 0..design.plant.input_count() {
         let mut inverse = Inverse::NONE;
-        // Limits first: the jumps have to find room within them.
+        // Limits first: jumps have to fit within them.
         for effect in [
             Compensation::InputSaturation,
             Compensation::RateLimit,
@@ -122,7 +122,7 @@ pub fn judge(design: &Design, linear: &LinearModel, asked: &[Compensation]) -> J
     judged
 }
 
-/// The inverse of an input with one more effect.
+/// Adds the inverse of one more effect to that of an input.
 fn with(
     design: &Design,
     linear: &LinearModel,
@@ -170,7 +170,7 @@ fn with(
     Ok(inverse)
 }
 
-/// The feedforward against all friction; otherwise a state whose friction stands in its way, and why.
+/// Feedforward against all friction; otherwise a state that prevents it, with the reason.
 fn friction(
     design: &Design,
     linear: &LinearModel,

@@ -1,4 +1,4 @@
-//! A designed law at work, one call a period.
+//! Runs a designed law, one call per period.
 
 pub(crate) mod lanes;
 mod takeover;
@@ -18,7 +18,7 @@ use crate::target::Target;
 /// Consecutive unusable estimates during which the last command is held; after that, neutral.
 const HOLD_STEPS: u32 = 5;
 
-/// Time constant with which back-calculation takes an integrator to what the limits allow, s.
+/// Time constant of back-calculation for an integrator at a limit, s.
 const TRACKING_TIME_S: f64 = 0.1;
 
 /// Runs a [`Design`]: prediction over the delay, tracking, the law, limits, anti-windup.
@@ -38,7 +38,7 @@ const TRACKING_TIME_S: f64 = 0.1;
 /// ```
 #[derive(Debug, Clone)]
 pub struct Controller {
-    /// The vehicle's own states, and all of the sampled plant.
+    /// Number of the vehicle's own states, and of all states of the sampled plant.
     n: usize,
     size: usize,
     m: usize,
@@ -48,14 +48,14 @@ pub struct Controller {
     at: u64,
     phi: Packed,
     gamma: Packed,
-    /// Feedback on the error, m x n; for sliding mode, the equivalent control.
+    /// Feedback gain on the error, m x n; for sliding mode, that of the equivalent control.
     gain: Packed,
     integral: Vec<usize>,
-    /// Feedback on the integrals, m x q.
+    /// Feedback gain on the integrals, m x q.
     integral_gain: Packed,
-    /// The same, for the question whether an integrator winds up.
+    /// The feedback gain on the integrals, to decide whether an integrator winds up.
     integral_matrix: DMatrix<f64>,
-    /// From what the limits cut off to the integrals, q x m column after column.
+    /// Back-calculation gain from the excess of the limits to the integrals, q x m column after column.
     back: Vec<f64>,
     anti_windup: AntiWindup,
     sliding: Option<Sliding>,
@@ -65,40 +65,40 @@ pub struct Controller {
     steady_u: Vec<f64>,
     in_force: Vec<f64>,
     integrals: Vec<f64>,
-    /// States behind the vehicle's own, which follow from the commands: lags and modes of the inputs, past commands.
+    /// States after the vehicle's own that follow from the commands: actuator states and past commands.
     memory: Vec<f64>,
     memory_at_neutral: Vec<f64>,
-    /// From the steady input to the past commands: how many of each input.
+    /// Number of past commands of each input, which are set from the steady input.
     past: Vec<usize>,
-    /// Estimate and memory.
+    /// Estimated and known states.
     state: Vec<f64>,
     predicted: Vec<Block>,
     error: Vec<f64>,
     wanted: Vec<Block>,
-    /// Factor on the feedback.
+    /// Factor on all feedback.
     loop_gain: f64,
-    /// Test input, added to what the law wants.
+    /// Test input, added to the law's demand.
     added: Vec<f64>,
     command: Vec<f64>,
     refusals: u32,
     handover: Handover,
 }
 
-/// The nonlinear part of sliding mode.
+/// Nonlinear part of sliding mode.
 #[derive(Debug, Clone)]
 struct Sliding {
-    /// Surface on the error, m x n, and on the integrals, m x q.
+    /// Surface matrix on the error, m x n, and on the integrals, m x q.
     surface: Packed,
     surface_integral: Packed,
     switching: Switching,
     s: Vec<Block>,
-    /// Integral part of super-twisting, and its bound.
+    /// Integral part of super-twisting, and its limit.
     twist: Vec<f64>,
     twist_limit: Vec<f64>,
 }
 
 impl Controller {
-    /// A controller at rest: neutral command in force, no integral.
+    /// A controller in its initial state: neutral command in force, zero integrals.
     pub fn new(design: &Design) -> Self {
         let plant = &design.plant;
         let (n, m, q) = (plant.own_count(), plant.input_count(), design.integral.len());
@@ -164,7 +164,7 @@ impl Controller {
         controller
     }
 
-    /// Back to rest: neutral command in force, no integral, reference zero.
+    /// Resets to the initial state: neutral command in force, zero integrals and reference.
     pub fn reset(&mut self) {
         self.at = 0;
         self.actuation.reset();
@@ -183,7 +183,7 @@ impl Controller {
         self.aim();
     }
 
-    /// Where the reference leads: the steady states, input, and past commands.
+    /// Computes the steady states, input and past commands of the reference.
     fn aim(&mut self) {
         let motion = self.reference.len();
         let (states, past) = self.steady_x.split_at_mut(motion);
@@ -193,8 +193,8 @@ impl Controller {
         past.iter_mut().zip(commands).for_each(|(p, u)| *p = u);
     }
 
-    /// Has the commands take back effects that are not linear: those of `linear` that are asked for, and not those that
-    /// are unsafe to take back, which are told.
+    /// Enables compensation of nonlinear effects of `linear`: those requested, except those that are unsafe
+    /// to compensate, which are returned.
     pub fn compensate(
         &mut self,
         design: &Design,
@@ -207,12 +207,12 @@ impl Controller {
         judged.declined
     }
 
-    /// Tells at which step of the run the next command is computed, where it is not the one after the last.
+    /// Sets the step of the run at which the next command is computed, where it does not follow the last one.
     pub fn set_step(&mut self, step: u64) {
         self.at = step;
     }
 
-    /// Tells what the plant really applies when it is not the last command (a failsafe, a restart).
+    /// Sets the command that the plant actually applies when it is not the last one (a failsafe, a restart).
     pub fn set_command_in_force(&mut self, u: &[f64]) {
         if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
             self.in_force.copy_from_slice(u);
@@ -220,23 +220,24 @@ impl Controller {
         }
     }
 
-    /// A test input that is added to what the law wants, before the limits, until it is told otherwise: how a vehicle
-    /// is excited while the loop stays closed. Refused when it is not finite or not as long as the plant has inputs.
+    /// Sets a test input that is added to the law's demand before the limits, until it is changed: excites a
+    /// vehicle in closed loop. Refused when it is not finite or not as long as the plant has inputs.
     pub fn set_test_input(&mut self, u: &[f64]) {
         if u.len() == self.m && u.iter().all(|v| v.is_finite()) {
             self.added.copy_from_slice(u);
         }
     }
 
-    /// Multiplies all feedback, of whatever law, before the limits, until it is told otherwise or reset: how much of the gain
-    /// margin is left is seen in flight. What the reference needs at rest is not multiplied. Refused when it is not finite.
+    /// Multiplies all feedback of the law before the limits, until it is changed or reset, to show the
+    /// remaining gain margin. The steady input of the reference is not multiplied. Refused when it is not
+    /// finite.
     pub fn set_loop_gain(&mut self, factor: f64) {
         if factor.is_finite() {
             self.loop_gain = factor;
         }
     }
 
-    /// The state that the last step predicted for the moment its command begins to act.
+    /// The state predicted by the last step for the time at which its command begins to act.
     pub fn predicted(&self) -> &[f64] {
         &self.predicted.as_flattened()[..self.n]
     }
@@ -246,20 +247,20 @@ impl Controller {
         self.sliding.as_ref().map_or(&[], |s| &s.s.as_flattened()[..self.m])
     }
 
-    /// The steady state and input that the law regulates about.
+    /// Steady state and input about which the law regulates.
     pub fn steady_state(&self) -> (&[f64], &[f64]) {
         (&self.steady_x[..self.n], &self.steady_u)
     }
 
     /// Computes the command for the next period from the estimate of this one.
     ///
-    /// `estimate` and `reference` have n entries, `out` m; bit i of `tracked` says that state i follows its
-    /// reference. With nothing tracked the law regulates to the reference of the states that can rest anywhere
-    /// (positions) and to zero. The command of the step before is taken as the one in force.
+    /// `estimate` and `reference` have n entries, `out` m; bit i of `tracked` means that state i follows its
+    /// reference. With no tracked state the law regulates to the reference of the states that can rest
+    /// anywhere (positions) and to zero. The command of the previous step is taken as the one in force.
     pub fn step(&mut self, estimate: &[f64], reference: &[f64], tracked: u64, out: &mut [f64]) -> Outcome {
         let mut outcome =
             Outcome { reference_refused: !self.follow(reference, tracked), ..Outcome::default() };
-        // What is computed now acts from the next step on.
+        // The command being computed acts from the next step on.
         self.at = self.at.saturating_add(1);
         self.actuation.begin(self.at);
         if estimate.len() != self.n || estimate.iter().any(|v| !v.is_finite()) {
@@ -282,7 +283,7 @@ impl Controller {
                 self.refusals = 0;
                 self.remember(outcome.saturated);
             } else {
-                // Finite but absurd estimates can overflow inside the law.
+                // Finite but huge estimates can overflow inside the law.
                 outcome.estimate_refused = true;
                 self.hold();
             }
@@ -304,7 +305,7 @@ impl Controller {
         }
     }
 
-    /// Takes over a new reference; false when it is not usable.
+    /// Adopts a new reference; false when it is not usable.
     fn follow(&mut self, reference: &[f64], tracked: u64) -> bool {
         if reference.len() != self.n || reference.iter().any(|v| !v.is_finite()) {
             return false;
@@ -318,7 +319,7 @@ impl Controller {
     }
 
     fn predict(&mut self, estimate: &[f64]) {
-        // Without an estimate only what follows from the commands goes on; the own states are then without meaning.
+        // Without an estimate only the states that follow from the commands are meaningful and are updated.
         self.state[..self.n].fill(0.0);
         self.state.iter_mut().zip(estimate).for_each(|(s, e)| *s = *e);
         self.state[self.n..].copy_from_slice(&self.memory);
@@ -353,7 +354,7 @@ impl Controller {
         }
     }
 
-    /// Integrals and super-twisting memory for the next step.
+    /// Updates integrals and super-twisting state for the next step.
     fn remember(&mut self, saturated: bool) {
         let q = self.integrals.len();
         let frozen = saturated && self.anti_windup == AntiWindup::Conditional && self.winds_up();
@@ -384,7 +385,7 @@ impl Controller {
         }
     }
 
-    /// Whether integrating this error would ask for more of what the limits already cut off.
+    /// True when integrating this error would demand more beyond the limits.
     fn winds_up(&self) -> bool {
         let q = self.integrals.len();
         let mut push = 0.0;

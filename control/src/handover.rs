@@ -1,23 +1,25 @@
-//! What a law needs to take over from another in flight: an offset of its command that dies away, and how its integrals reach a command.
+//! State for a bumpless transfer between laws: a decaying offset of the command, and the integrals that
+//! produce a given command.
 
 use nalgebra::DMatrix;
 
 use crate::design::Design;
 
-/// Bounds on the time in which the offset dies away, s. Between them it is that of the slowest pole of the loop without
-/// integrals: a faster one would be a bump again, and a slower one would outlive what it was made of.
+/// Bounds of the offset's decay time, s. Between them it is the time constant of the slowest pole of the loop
+/// without integrals: a faster decay would be a bump again, a slower one would outlast its cause.
 const FADING_S: (f64, f64) = (0.05, 1.0);
 
-/// What a controller keeps for taking over.
+/// Takeover state of a controller.
 #[derive(Debug, Clone)]
 pub struct Handover {
-    /// What is added to the command.
+    /// Offset added to the command.
     pub offset: Vec<f64>,
-    /// What is left of it in the next step.
+    /// Factor by which the offset decays per step.
     keep: f64,
-    /// From commands to the integrals that reach them, q x m; without rows where integrals are taken as they are.
+    /// Gain from commands to the integrals that produce them, q x m; without rows where integrals are copied
+    /// unchanged.
     pub tracking: DMatrix<f64>,
-    /// Place for the command of a law that flies along.
+    /// Buffer for the command of a law that runs in parallel.
     pub command: Vec<f64>,
 }
 
@@ -25,7 +27,7 @@ impl Handover {
     pub fn new(design: &Design) -> Self {
         let plant = &design.plant;
         let (period, m) = (plant.period_s(), plant.input_count());
-        // As many poles as integrals are theirs, and these are the slowest.
+        // Integrals add their number of poles, and these are the slowest.
         let mut rates: Vec<f64> = design
             .closed_loop_poles
             .iter()
@@ -46,7 +48,7 @@ impl Handover {
         self.offset.fill(0.0);
     }
 
-    /// Adds the offset to what the law wants, and lets it fade.
+    /// Adds the offset to the law's demand, and lets it decay.
     pub fn add(&mut self, wanted: &mut [f64]) {
         for (wanted, offset) in wanted.iter_mut().zip(&mut self.offset) {
             *wanted += *offset;

@@ -3,15 +3,15 @@
 use nalgebra::DMatrix;
 use whirlstand_linalg::{C64, complex};
 
-/// Solves `(z I - a) x = b` by elimination of the one subdiagonal with row exchanges. `a` is n x n; where it has not the form
-/// of Hessenberg it is brought there first, which costs n^3. `None` at an eigenvalue.
+/// Solves `(z I - a) x = b` by elimination of the single subdiagonal with row exchanges. `a` is n x n; unless
+/// it has Hessenberg form it is reduced first, which costs n^3. `None` at an eigenvalue.
 pub fn solve_shifted(a: &DMatrix<f64>, b: &DMatrix<f64>, z: C64) -> Option<DMatrix<C64>> {
     let n = a.nrows();
     if (0..n).any(|j| (j + 2..n).any(|i| a[(i, j)] != 0.0)) {
         let (q, h) = nalgebra::Hessenberg::new(a.clone()).unpack();
         return Some(complex(&q) * solve_shifted(&h, &q.tr_mul(b), z)?);
     }
-    // Row after row, so that an elimination runs along memory.
+    // Row by row, so that the elimination accesses contiguous memory.
     let mut rows: Vec<C64> = (0..n * n).map(|k| C64::new(-a[(k / n, k % n)], 0.0)).collect();
     (0..n).for_each(|i| rows[i * n + i] += z);
     let mut x = complex(b);

@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-/// Four rows.
+/// A block of four rows.
 pub type Block = [f64; 4];
 
 /// A matrix stored column after column in blocks of four rows, padded with zeros.
@@ -27,7 +27,7 @@ impl Packed {
         packed
     }
 
-    /// Takes over another matrix of the same shape.
+    /// Copies another matrix of the same shape.
     pub fn fill(&mut self, m: &DMatrix<f64>) {
         let blocks = self.blocks;
         for j in 0..m.ncols() {
@@ -48,7 +48,7 @@ impl Packed {
         self.data.fill([0.0; 4]);
     }
 
-    /// Takes over a packed matrix of the same shape.
+    /// Copies a packed matrix of the same shape.
     pub fn copy_from(&mut self, other: &Self) {
         self.data.copy_from_slice(&other.data);
     }
@@ -84,7 +84,7 @@ impl Packed {
         }
     }
 
-    /// Takes over the transpose of an n x n matrix.
+    /// Copies the transpose of an n x n matrix.
     pub fn transpose_from(&mut self, other: &Self, n: usize) {
         for j in 0..n {
             for i in 0..n {
@@ -104,7 +104,7 @@ impl Packed {
         }
     }
 
-    /// As a matrix of that shape.
+    /// Converts to a dense matrix of that shape.
     pub fn to_matrix(&self, rows: usize, columns: usize) -> DMatrix<f64> {
         DMatrix::from_fn(rows, columns, |i, j| self.entry(i, j))
     }
@@ -121,13 +121,13 @@ impl Packed {
         self.add_scaled(y, x, -1.0);
     }
 
-    /// [`Self::add`] for K vectors, entry by entry side by side.
+    /// Adds products as [`Self::add`] for K vectors, interleaved entry by entry.
     #[inline(always)]
     pub fn add_lanes<const K: usize>(&self, y: &mut [[f64; K]], x: &[[f64; K]]) {
         self.by_row(y, x, |sum, c, x| sum + c * x);
     }
 
-    /// [`Self::subtract`] for K vectors.
+    /// Subtracts products as [`Self::subtract`] for K vectors.
     #[inline(always)]
     pub fn subtract_lanes<const K: usize>(&self, y: &mut [[f64; K]], x: &[[f64; K]]) {
         self.by_row(y, x, |sum, c, x| sum - c * x);

@@ -1,8 +1,9 @@
-//! What steers: Riccati, LQR, pole placement, sliding mode and Kalman filters.
+//! Control: Riccati equations, LQR, pole placement, sliding mode and Kalman filters.
 //!
-//! The room knows matrices, not vehicle files; of the vehicle's room it uses the discretisation and the linear model. A [`SampledPlant`] is made from A, B, the period, limits and names. A
-//! [`Design`] is computed from a plant and [`LawOptions`], and tells gains, poles and margins; a [`Controller`]
-//! runs it. An [`Estimator`] turns measurements into the state that the controller feeds back.
+//! The crate works on matrices, not on vehicle files; of the vehicle crate it uses the discretisation and the
+//! linear model. A [`SampledPlant`] is made from A, B, the period, limits and names. A [`Design`] is computed
+//! from a plant and [`LawOptions`], and contains gains, poles and margins; a [`Controller`] runs it. An
+//! [`Estimator`] estimates from measurements the state that the controller feeds back.
 
 mod actuation;
 mod compensation;

@@ -44,8 +44,8 @@ pub struct SampledCost {
 }
 
 /// The exact discrete equivalent of the cost rate `x'Qx + u'Ru` along `x' = Ax + Bu` with u held for `dt` s
-/// (Van Loan, IEEE Trans. Autom. Control 23, 1978). The regulator for it does what the continuous one means, at
-/// any sampling period.
+/// (Van Loan, IEEE Trans. Autom. Control 23, 1978). The regulator for it minimises the continuous cost at any
+/// sampling period.
 ///
 /// # Errors
 /// [`DiscretiseError`] when an unstable mode of the plant is too fast for the period.

@@ -20,16 +20,16 @@ pub struct ReturnRatio {
     pub period_s: f64,
 }
 
-/// Margins of one input's loop, the other loops closed. A value is absent when there is none (it is infinite).
+/// Margins of one input's loop, the other loops closed. An absent value is infinite.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct LoopMargins {
     /// Smallest factor above one on the loop gain at which stability is lost.
     pub gain_increase: Option<f64>,
-    /// Largest factor below one at which stability is lost.
+    /// Largest factor below one on the loop gain at which stability is lost.
     pub gain_decrease: Option<f64>,
     /// Smallest phase change, either way, at which stability is lost, deg.
     pub phase_deg: Option<f64>,
-    /// Frequency of that crossover, rad/s.
+    /// Frequency of the crossover with that phase margin, rad/s.
     pub crossover_rad_s: Option<f64>,
     /// Smallest extra delay at which stability is lost, s.
     pub delay_s: Option<f64>,
@@ -40,14 +40,14 @@ pub struct LoopMargins {
 pub struct MultivariableMargins {
     /// Smallest singular value of the return difference `I + L` over frequency.
     pub min_return_difference: f64,
-    /// Its inverse, the peak of the sensitivity.
+    /// Peak of the sensitivity, the inverse of the smallest return difference.
     pub max_sensitivity: f64,
     /// Symmetric disk margin (Seiler, Packard and Gahinet, IEEE Control Syst. Mag. 40, 2020): stable for all
     /// independent gains and phases at the inputs within the disk.
     pub disk: f64,
-    /// Gains, all inputs at once, that the disk guarantees: from here,
+    /// Smallest gain that the disk guarantees, for all inputs at once.
     pub disk_gain_low: f64,
-    /// to here.
+    /// Largest gain that the disk guarantees, for all inputs at once.
     pub disk_gain_high: Option<f64>,
     /// Phase that the disk guarantees, deg.
     pub disk_phase_deg: f64,
@@ -55,13 +55,13 @@ pub struct MultivariableMargins {
     pub disk_frequency_rad_s: f64,
 }
 
-/// States from which on a frequency response is taken from the Hessenberg form ([`ReturnRatio::compressed`]): with the
-/// past commands of a late input the states are many.
+/// Number of states from which a frequency response is computed from the Hessenberg form
+/// ([`ReturnRatio::compressed`]): the past commands of a delayed input are many states.
 const LARGE: usize = 24;
 
 impl ReturnRatio {
-    /// The same ratio in states in which `a` has the form of Hessenberg, where a frequency costs n^2 and not n^3 (Laub, IEEE
-    /// Trans. Autom. Control 26, 1981). A small one stays as it is.
+    /// The same ratio with `a` in Hessenberg form, where a frequency costs n^2 and not n^3 (Laub, IEEE Trans.
+    /// Autom. Control 26, 1981). A small one is unchanged.
     #[must_use]
     pub fn compressed(self) -> Self {
         if self.a.nrows() <= LARGE {
@@ -103,7 +103,7 @@ impl ReturnRatio {
         }
     }
 
-    /// Frequencies from far below the slowest to the Nyquist frequency, rad/s.
+    /// Frequencies from far below the slowest pole to the Nyquist frequency, rad/s.
     fn grid(&self) -> Vec<f64> {
         const COUNT: usize = 1200;
         let top = std::f64::consts::PI / self.period_s;
@@ -142,7 +142,7 @@ impl ReturnRatio {
         for (w, v) in grid.windows(2).zip(values.windows(2)) {
             if level(v[0]) * level(v[1]) < 0.0 {
                 let at = self.bisect(i, w[0], w[1], level);
-                // Distance of the crossing from -1, as the angle that further lag has to go through.
+                // Distance of the crossing from -1, as the angle of additional lag.
                 let lag =
                     (std::f64::consts::PI + self.loop_at(i, at).arg()).rem_euclid(std::f64::consts::TAU);
                 let phase = lag.min(std::f64::consts::TAU - lag).to_degrees();
@@ -172,7 +172,7 @@ impl ReturnRatio {
     /// Margins against simultaneous changes at all inputs.
     ///
     /// # Errors
-    /// [`DecompositionError`] when singular values of the loop cannot be had.
+    /// [`DecompositionError`] when singular values of the loop do not converge.
     pub fn multivariable(&self) -> Result<MultivariableMargins, DecompositionError> {
         let (_, min_return_difference) = self.minimum(|w| self.smallest_difference(w))?;
         let least = std::cell::Cell::new(f64::INFINITY);
@@ -202,8 +202,8 @@ impl ReturnRatio {
         Ok(singular_values(&difference)?.min())
     }
 
-    /// Inverse of the structured singular value of `(S - T) / 2`, with `S - T = (I - L)(I + L)^-1`, for independent
-    /// changes at the inputs. `enough`: a radius from which on the exact value does not matter.
+    /// Inverse of the structured singular value of `(S - T) / 2`, with `S - T = (I - L)(I + L)^-1`, for
+    /// independent changes at the inputs. Radii above `enough` need not be exact.
     fn disk_radius(&self, w: f64, enough: f64) -> Result<f64, DecompositionError> {
         let m = self.inputs();
         let identity = DMatrix::<C64>::identity(m, m);
@@ -217,7 +217,7 @@ impl ReturnRatio {
         Ok(if unscaled >= enough { unscaled } else { 1.0 / structured_singular_value(difference)? })
     }
 
-    /// Place and value of the least of `f` over frequency: the grid's, refined by golden section.
+    /// Location and value of the minimum of `f` over frequency: on the grid, refined by golden section.
     fn minimum(
         &self,
         f: impl Fn(f64) -> Result<f64, DecompositionError>,
@@ -249,7 +249,7 @@ fn structured_singular_value(mut m: DMatrix<C64>) -> Result<f64, DecompositionEr
     let mut best = singular_values(&m)?.max();
     for _ in 0..20 {
         let before = best;
-        // One scale of D is free.
+        // One scale of D can be chosen freely.
         for i in 1..size {
             let value = |log: f64| Ok(singular_values(&scaled(&m, i, log))?.max());
             let log = golden(-7.0, 7.0, 40, &value)?;
@@ -266,7 +266,7 @@ fn structured_singular_value(mut m: DMatrix<C64>) -> Result<f64, DecompositionEr
     Ok(best)
 }
 
-/// Place of the minimum of a unimodal function, by golden section.
+/// Location of the minimum of a unimodal function, by golden section.
 fn golden(
     mut low: f64,
     mut high: f64,

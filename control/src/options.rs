@@ -1,10 +1,10 @@
-//! What a launch file or a caller can ask of a law. Every key has a default that follows from the plant.
+//! Options of a law, from a launch file or a caller. Every key has a default that follows from the plant.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// A law and its options; in a launch file, the key `law` says which.
+/// A law and its options; in a launch file, the key `law` selects the law.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "law", rename_all = "lowercase")]
 pub enum LawOptions {
@@ -27,7 +27,7 @@ impl LawOptions {
         }
     }
 
-    /// `lqr`, `ppc` or `smc`.
+    /// Name of the law: `lqr`, `ppc` or `smc`.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Lqr(_) => "lqr",
@@ -51,22 +51,22 @@ pub enum Selector {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Weights {
-    /// The same number for all.
+    /// The same number for all states or inputs.
     Uniform(f64),
-    /// In the vehicle's order.
+    /// A list in the vehicle's order.
     List(Vec<f64>),
-    /// By name.
+    /// Values by name.
     ByName(BTreeMap<String, f64>),
 }
 
-/// What an integrator does while an input stands at its limit.
+/// Behaviour of an integrator while an input is at its limit.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AntiWindup {
-    /// It is driven back by what the limit cut off.
+    /// The integrator is driven back by the demand beyond the limit.
     #[default]
     BackCalculation,
-    /// It stands still.
+    /// The integrator is held.
     Conditional,
 }
 
@@ -83,7 +83,7 @@ pub struct LqrOptions {
     pub integral: Vec<Selector>,
     /// Weight of each integral. Default: (0.5 / s)^2 times the weight of its state.
     pub integral_q: Option<Vec<f64>>,
-    /// What integrators do at the limits.
+    /// Behaviour of integrators at the limits.
     pub anti_windup: AntiWindup,
 }
 
@@ -102,7 +102,7 @@ pub struct PpcOptions {
     pub damping: Option<f64>,
     /// States whose error is integrated.
     pub integral: Vec<Selector>,
-    /// What integrators do at the limits.
+    /// Behaviour of integrators at the limits.
     pub anti_windup: AntiWindup,
 }
 
@@ -110,15 +110,15 @@ pub struct PpcOptions {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SmcOptions {
-    /// Diagonal of the state weight that shapes the surface. Default: as for LQR, but a tenth for rates and speeds.
-    /// Not together with `poles`.
+    /// Diagonal of the state weight that shapes the surface. Default: as for LQR, but a tenth for rates and
+    /// speeds. Excludes `poles`.
     pub q: Option<Weights>,
     /// Poles on the surface in continuous time, `[re, im]` in 1/s: as many as states and integrals less inputs.
     pub poles: Option<Vec<[f64; 2]>>,
-    /// Exponential part of the reaching law, 1/s. Default: the bandwidth that pole placement draws poles towards.
+    /// Exponential part of the reaching law, 1/s. Default: the default bandwidth of pole placement.
     pub reaching_rate: Option<f64>,
-    /// Switching gain of each surface in units of the inputs: the largest matched disturbance that is overcome.
-    /// Default: a fifth of the input's authority.
+    /// Switching gain of each surface in units of the inputs: the largest matched disturbance that is
+    /// rejected. Default: a fifth of the input's authority.
     pub switching_gain: Option<Weights>,
     /// Half-width of the boundary layer around each surface, in input units times s. Default: such that within it
     /// the surface is approached at four times the bandwidth and `reaching_rate` together.
@@ -127,6 +127,6 @@ pub struct SmcOptions {
     pub super_twisting: bool,
     /// States whose error is integrated.
     pub integral: Vec<Selector>,
-    /// What integrators do at the limits.
+    /// Behaviour of integrators at the limits.
     pub anti_windup: AntiWindup,
 }

@@ -1,4 +1,4 @@
-//! What a designed loop answers, over frequency and over time: for plots.
+//! Responses of a designed loop over frequency and over time, for plots.
 
 use nalgebra::DVector;
 use whirlstand_linalg::{C64, DecompositionError};
@@ -6,22 +6,22 @@ use whirlstand_linalg::{C64, DecompositionError};
 use crate::design::Design;
 use crate::target::Target;
 
-/// Points of a frequency response.
+/// Number of points of a frequency response.
 const FREQUENCIES: usize = 400;
-/// Decades below the Nyquist frequency at which it begins.
+/// Lowest frequency, in decades below the Nyquist frequency.
 const DECADES: f64 = 4.0;
-/// Time constants of the slowest pole that a step response shows, and most steps that it may take.
+/// Length of a step response in time constants of the slowest pole, and its largest number of steps.
 const TIME_CONSTANTS: f64 = 6.0;
 const MOST_STEPS: usize = 20_000;
-/// A steady state moves by no more than this, in scales a second.
+/// Largest change of a steady state, in scales per second.
 const REST: f64 = 1e-9;
 
-/// Responses of a loop.
+/// Frequency and step responses of a loop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Responses {
     /// Frequencies, rad/s.
     pub frequency_rad_s: Vec<f64>,
-    /// Loop by loop, the others closed: the return ratio at each frequency.
+    /// Return ratio of each loop, the others closed, at each frequency.
     pub loops: Vec<Vec<C64>>,
     /// Greatest singular value of the sensitivity `(I + L)^-1` at each frequency.
     pub sensitivity: Vec<f64>,
@@ -32,15 +32,15 @@ pub struct Responses {
 /// The response of the loop to a step of one setpoint, without the limits of its inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
-    /// The state whose setpoint steps.
+    /// Index of the state whose setpoint steps.
     pub state: usize,
     /// Size of the step, SI.
     pub size: f64,
     /// Time, s.
     pub time_s: Vec<f64>,
-    /// The state, SI.
+    /// Value of the state, SI.
     pub value: Vec<f64>,
-    /// The commands in force, input by input.
+    /// Commands in force, one vector per input.
     pub inputs: Vec<Vec<f64>>,
 }
 
@@ -72,7 +72,7 @@ impl Responses {
     }
 }
 
-/// The step of the setpoint of state `i` by its scale; `None` when the plant cannot rest there.
+/// Response to a setpoint step of state `i` by its scale; `None` when the plant has no such steady state.
 fn step(design: &Design, i: usize) -> Option<Step> {
     let plant = &design.plant;
     let (n, m, all) = (plant.state_count(), plant.input_count(), plant.size());
@@ -91,11 +91,12 @@ fn step(design: &Design, i: usize) -> Option<Step> {
     if moving.iter().zip(plant.scales()).any(|(v, scale)| v.abs() > REST * scale) {
         return None;
     }
-    // The loop in deviations from where it goes, which it starts away from; the law's memory starts empty.
+    // The loop in deviations from its steady state; the law's memory starts at zero.
     let closed = design.linear.closed_loop(plant);
     let mut deviation = DVector::zeros(closed.nrows());
     deviation.rows_mut(0, n).copy_from(&-&x);
-    // What follows from the commands, lags and past ones, goes to where these lead; lags are in x already.
+    // States that follow from the commands, lags and past ones, approach the steady state of these; lags are
+    // in x already.
     let known = plant.memory_at_rest(u.as_slice());
     known.iter().skip(n - plant.own_count()).enumerate().for_each(|(k, v)| deviation[n + k] = -v);
     deviation.rows_mut(all, m).copy_from(&-&u);
@@ -111,7 +112,7 @@ fn step(design: &Design, i: usize) -> Option<Step> {
     Some(answer)
 }
 
-/// Steps until the slowest pole has died down.
+/// Number of steps until the slowest pole has decayed.
 fn length(design: &Design) -> usize {
     let slowest = design
         .closed_loop_poles
@@ -154,7 +155,7 @@ mod tests {
         let answer = Responses::of(&design).unwrap();
         let peak = answer.sensitivity.iter().copied().fold(0.0, f64::max);
         assert!((peak / design.multivariable_margins.max_sensitivity - 1.0).abs() < 1e-3, "{peak}");
-        // With one loop, the sensitivity is that of its return ratio.
+        // For a single loop, the sensitivity is that of its return ratio.
         for (l, s) in answer.loops[0].iter().zip(&answer.sensitivity) {
             assert!(((l + 1.0).norm() * s - 1.0).abs() < 1e-6);
         }

@@ -1,62 +1,63 @@
 //! A linear model with delays on its inputs and outputs, sampled exactly.
 //!
-//! A delay of h periods and a fraction f of one means that the input changes f after the beginning of a period, from the
-//! command h + 1 periods ago to that of h periods ago (the modified z-transform: Jury, "Theory and Application of the
-//! z-Transform Method", 1964; Astrom and Wittenmark, "Computer-Controlled Systems", 3rd edition, section 2.3). So a period is
-//! cut where an input changes or an output is looked at; between cuts all inputs are held, and one matrix exponential
-//! solves it. Past commands and past outputs are states: registers that shift by one a period.
+//! A delay of h periods and a fraction f of one means that the input changes f after the beginning of a
+//! period, from the command h + 1 periods ago to that of h periods ago (the modified z-transform: Jury,
+//! "Theory and Application of the z-Transform Method", 1964; Astrom and Wittenmark, "Computer-Controlled
+//! Systems", 3rd edition, section 2.3). So a period is split where an input changes or an output is sampled;
+//! within each part all inputs are constant, and one matrix exponential solves it. Past commands and past
+//! outputs are states: shift registers that advance once per period.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{DiscretiseError, LinearModel, discretise, finite_horizon_gramian, split_time};
 
 use crate::lqr::sampled_cost;
 
-/// Cuts closer than this part of a period are one.
+/// Largest distance of two splits, relative to the period, at which they are the same.
 const SAME: f64 = 2e-9;
 
-/// Where what stands in the state of a [`SampledModel`]: the vehicle's own states, its actuators', past commands (those of the
-/// first input first, the newest first), its sensors' lags, past outputs.
+/// Order of the states of a [`SampledModel`]: the vehicle's own states, its actuators', past commands (those
+/// of the first input first, the newest first), its sensors' lags, past outputs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Layout {
-    /// The vehicle's own states.
+    /// Number of the vehicle's own states.
     pub own: usize,
-    /// Lags and modes on inputs.
+    /// Number of states of lags and modes on inputs.
     pub actuators: usize,
-    /// Past commands kept of each input.
+    /// Number of past commands stored for each input.
     pub commands: Vec<usize>,
-    /// Lags of sensors.
+    /// Number of states of sensor lags.
     pub lags: usize,
-    /// Past values kept of each output.
+    /// Number of past values stored for each output.
     pub outputs: Vec<usize>,
 }
 
 impl Layout {
-    /// Own states and actuators: what a continuous model of the motion has.
+    /// Number of own states and actuator states: those of a continuous model of the motion.
     pub fn motion(&self) -> usize {
         self.own + self.actuators
     }
 
-    /// Own states and all that follows from the commands alone.
+    /// Number of own states and all states that follow from the commands alone.
     pub fn known(&self) -> usize {
         self.motion() + self.commands.iter().sum::<usize>()
     }
 
-    /// All states.
+    /// Total number of states.
     pub fn size(&self) -> usize {
         self.known() + self.lags + self.outputs.iter().sum::<usize>()
     }
 
-    /// Where a state of the continuous model stands.
+    /// Index of a state of the continuous model.
     fn place(&self, z: usize) -> usize {
         if z < self.motion() { z } else { z - self.motion() + self.known() }
     }
 
-    /// Where the command of `input` of `back` periods ago stands, from 1.
+    /// Index of the command of `input` of `back` periods ago, `back` from 1.
     pub fn command(&self, input: usize, back: usize) -> usize {
         self.motion() + self.commands[..input].iter().sum::<usize>() + back - 1
     }
 
-    /// Where the value of `output` kept `back` periods ago stands, from 1.
+    /// Index of the value of `output` stored `back` periods ago, `back` from 1.
     fn output(&self, output: usize, back: usize) -> usize {
         self.known() + self.lags + self.outputs[..output].iter().sum::<usize>() + back - 1
     }
@@ -77,24 +78,25 @@ pub struct SampledModel {
     pub d: DMatrix<f64>,
     period_s: f64,
     substeps: Vec<Substep>,
-    /// Per output, the offset at which it is taken for later and how many periods back it is read.
+    /// For every output, the offset at which it is sampled for later, and the number of periods after which
+    /// it is read.
     taps: Vec<(f64, usize)>,
     model: LinearModel,
 }
 
-/// A stretch of the period over which all inputs are held.
+/// A part of the period over which all inputs are constant.
 #[derive(Debug, Clone, PartialEq)]
 struct Substep {
     start_s: f64,
     length_s: f64,
     phi: DMatrix<f64>,
-    /// The continuous states at its beginning and the inputs during it, by `[s; u]`.
+    /// The continuous states at its beginning and the inputs during it, as functions of `[s; u]`.
     state: DMatrix<f64>,
     drive: DMatrix<f64>,
 }
 
 impl SampledModel {
-    /// The motion alone: no sensor, no output.
+    /// The model of the motion alone, without sensors and outputs.
     ///
     /// # Errors
     /// [`DiscretiseError`] when an unstable mode is too fast for the period.
@@ -112,7 +114,7 @@ impl SampledModel {
         Self::new(&blind, period_s)
     }
 
-    /// The vehicle with its sensors.
+    /// The model of the vehicle with its sensors.
     ///
     /// # Errors
     /// [`DiscretiseError`] when an unstable mode is too fast for the period.
@@ -128,7 +130,7 @@ impl SampledModel {
             outputs: taps.iter().map(|(_, back)| *back).collect(),
         };
         let (size, width) = (layout.size(), layout.size() + m);
-        // What acts on input i from the offset on.
+        // The acting input i from the offset on.
         let drive = |offset_s: f64| {
             let mut rows = DMatrix::zeros(m, width);
             for (i, (h, f)) in inputs.iter().enumerate() {
@@ -169,7 +171,7 @@ impl SampledModel {
         })
     }
 
-    /// The same motion with every input sooner by so many whole periods, which it must be late by.
+    /// The same motion with every input delay reduced by `periods` whole periods, which it must exceed.
     ///
     /// # Errors
     /// [`DiscretiseError`] when an unstable mode is too fast for the period.
@@ -202,14 +204,14 @@ impl SampledModel {
         Ok((&total + total.transpose()) * 0.5)
     }
 
-    /// Covariance that all states gather in a period from white noise of this density (nz x nz) on the derivatives of the
-    /// continuous ones; what is taken inside the period for a delayed sensor has its share.
+    /// Covariance that white noise of this density (nz x nz) on the derivatives of the continuous states adds
+    /// to all states in a period, including values sampled inside the period for a delayed sensor.
     ///
     /// # Errors
     /// [`DiscretiseError`] when an unstable mode is too fast for the period.
     pub fn noise(&self, density: &DMatrix<f64>) -> Result<DMatrix<f64>, DiscretiseError> {
         let (nz, size) = (self.model.a.nrows(), self.f.nrows());
-        // Of the noise of each substep, what is left of it in the states at the cut that has been reached.
+        // For the noise of each part, its contribution to the states at the split reached so far.
         let mut parts: Vec<(DMatrix<f64>, DMatrix<f64>, DMatrix<f64>)> = Vec::new();
         let begun = |s: &Substep, offset_s: f64| s.start_s <= offset_s + SAME * self.period_s;
         for (k, s) in self.substeps.iter().enumerate() {
@@ -234,8 +236,8 @@ impl SampledModel {
     }
 }
 
-/// The whole step and what is seen at its beginning, by `[s; u]`: the continuous states at its end are `state`, and registers
-/// shift.
+/// Transition over a period and outputs at its beginning, as functions of `[s; u]`: the continuous states at
+/// the end are `state`, and registers shift.
 fn shift(
     model: &LinearModel,
     layout: &Layout,
@@ -276,7 +278,8 @@ fn whole(delay_s: f64, period_s: f64) -> (usize, f64) {
     (whole as usize, fraction_s)
 }
 
-/// Offset in the period at which a delayed output is taken, and how many periods back it is read.
+/// Offset in the period at which a delayed output is sampled, and the number of periods after which it is
+/// read.
 fn tap(delay_s: f64, period_s: f64) -> (f64, usize) {
     match whole(delay_s, period_s) {
         (whole, 0.0) => (0.0, whole),

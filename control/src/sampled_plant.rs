@@ -1,4 +1,4 @@
-//! The vehicle as a law or a filter sees it.
+//! The plant of a law or a filter.
 
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -9,11 +9,12 @@ use crate::input_limits::InputLimits;
 use crate::sampled_model::SampledModel;
 use crate::scales::default_scales;
 
-/// A linear plant with input limits, to be controlled once a period.
+/// A linear plant with input limits, controlled once per period.
 ///
-/// `x' = a x + b u`, a zero-order hold on u. Units are SI; the order of states and inputs is the vehicle's. Where the inputs
-/// have lags or modes, x has their states behind the vehicle's own; where they are late, past commands are states of the
-/// sampled plant as well ([`Self::transition`]). Both follow from the commands alone, so that nobody has to estimate them.
+/// `x' = a x + b u`, with a zero-order hold on u. Units are SI; states and inputs are in the vehicle's order.
+/// Where the inputs have lags or modes, x has their states after the vehicle's own; where they are delayed,
+/// past commands are states of the sampled plant as well ([`Self::transition`]). Both follow from the
+/// commands alone, so that they need no estimate.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SampledPlant {
     #[serde(serialize_with = "crate::rows::serialize")]
@@ -39,22 +40,22 @@ pub struct SampledPlant {
     delayed: Option<SampledModel>,
 }
 
-/// Most past commands that are kept, over all inputs.
+/// Largest number of past commands, over all inputs.
 const MOST_PAST_COMMANDS: usize = 256;
 
-/// What is wrong with a plant.
+/// Errors of a plant.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SampledPlantError {
-    /// Matrices that do not fit.
+    /// Matrices or lists have incompatible shapes.
     #[error("{what} has {got} {unit}, but {wanted} are needed")]
     Size {
-        /// The matrix or list.
+        /// Name of the matrix or list.
         what: &'static str,
-        /// Found.
+        /// Size found.
         got: usize,
-        /// Needed.
+        /// Size needed.
         wanted: usize,
-        /// Rows, columns or entries.
+        /// Unit of the sizes: rows, columns or entries.
         unit: &'static str,
     },
     /// NaN or infinity, or no state or no input.
@@ -154,7 +155,7 @@ impl SampledPlant {
         Ok(plant)
     }
 
-    /// Names of the past commands, from those of the inputs.
+    /// Sets the names of the past commands from those of the inputs.
     fn name_memory(&mut self) {
         let Some(model) = &self.delayed else { return };
         let counts = self.input_names.iter().zip(&model.layout.commands);
@@ -163,7 +164,8 @@ impl SampledPlant {
             .collect();
     }
 
-    /// Default scales: those of the plant without lags and delays, and of lags and modes what full input makes of them.
+    /// Sets the default scales: those of the plant without lags and delays, and for lags and modes their
+    /// response to full input.
     fn set_scales(&mut self, limits: &[InputLimits]) {
         if self.own == self.state_count() {
             self.scales = default_scales(&self.a, &self.phi, &self.gamma, limits, self.period_s);
@@ -223,8 +225,9 @@ impl SampledPlant {
         Ok(self)
     }
 
-    /// Sets the size of an excursion of each state that matters as much as full input does (Bryson's rule). The
-    /// default is a tenth of what full input reaches in two seconds; for positions, a thirtieth of that in ten.
+    /// Sets the scale of each state: the excursion that matters as much as full input (Bryson's rule). The
+    /// default is a tenth of the response to full input in two seconds; for positions, a thirtieth of that in
+    /// ten.
     ///
     /// # Errors
     /// [`SampledPlantError`] when their number is not n or one is not positive.
@@ -268,7 +271,7 @@ impl SampledPlant {
     pub fn state_names(&self) -> &[String] {
         &self.state_names
     }
-    /// Names of the vehicle's own states.
+    /// Names of the vehicle's own states, without those of lags and modes.
     pub fn own_names(&self) -> &[String] {
         &self.state_names[..self.own]
     }
@@ -276,7 +279,7 @@ impl SampledPlant {
     pub fn input_names(&self) -> &[String] {
         &self.input_names
     }
-    /// Size of the states, see [`Self::with_scales`].
+    /// Scales of the states, see [`Self::with_scales`].
     pub fn scales(&self) -> &[f64] {
         &self.scales
     }
@@ -284,7 +287,7 @@ impl SampledPlant {
     pub fn state_count(&self) -> usize {
         self.a.nrows()
     }
-    /// Number of the vehicle's own states: what is estimated, and what a reference is given for.
+    /// Number of the vehicle's own states: those that are estimated and have a reference.
     pub fn own_count(&self) -> usize {
         self.own
     }
@@ -292,7 +295,7 @@ impl SampledPlant {
     pub fn size(&self) -> usize {
         self.state_count() + self.memory_names.len()
     }
-    /// Transition of the sampled plant, N x N.
+    /// Transition matrix of the sampled plant, N x N.
     pub fn transition(&self) -> &DMatrix<f64> {
         self.delayed.as_ref().map_or(&self.phi, |m| &m.f)
     }
@@ -300,7 +303,7 @@ impl SampledPlant {
     pub fn drive(&self) -> &DMatrix<f64> {
         self.delayed.as_ref().map_or(&self.gamma, |m| &m.g)
     }
-    /// The plant with its delays; absent when no input is late.
+    /// The plant with its delays; absent when no input is delayed.
     pub fn delayed(&self) -> Option<&SampledModel> {
         self.delayed.as_ref()
     }
@@ -308,7 +311,7 @@ impl SampledPlant {
     pub fn delays_s(&self) -> &[f64] {
         &self.delays_s
     }
-    /// Command of each input at which it does nothing.
+    /// Command of each input at which it has no effect.
     pub fn trim(&self) -> &[f64] {
         &self.trim
     }
@@ -320,7 +323,7 @@ impl SampledPlant {
     pub fn own_a(&self) -> DMatrix<f64> {
         self.a.view((0, 0), (self.own, self.own)).into_owned()
     }
-    /// Input matrix onto the vehicle's own states once lags and modes have come to rest.
+    /// Input matrix to the vehicle's own states with lags and modes in their steady state.
     pub fn own_b(&self) -> DMatrix<f64> {
         let own = self.b.rows(0, self.own).into_owned();
         match self.state_count() - self.own {
@@ -328,19 +331,19 @@ impl SampledPlant {
             count => own + self.a.view((0, self.own), (self.own, count)) * self.actuator_rest(),
         }
     }
-    /// Where lags and modes come to rest, by inputs.
+    /// Steady state of lags and modes, as a function of the inputs.
     pub fn actuator_rest(&self) -> DMatrix<f64> {
         let (own, count) = (self.own, self.state_count() - self.own);
         let a = self.a.view((own, own), (count, count)).into_owned();
         rest_of(a, &self.b.rows(own, count).into_owned())
     }
-    /// The state of all that follows from the commands, when these have been `u` for long.
+    /// States that follow from the commands, in their steady state under the constant commands `u`.
     pub fn memory_at_rest(&self, u: &[f64]) -> Vec<f64> {
         let rest = self.actuator_rest() * nalgebra::DVector::from_column_slice(u);
         let past = self.delayed.iter().flat_map(|m| m.layout.commands.iter().zip(u));
         rest.iter().copied().chain(past.flat_map(|(count, u)| vec![*u; *count])).collect()
     }
-    /// Sizes of all states of the sampled plant: the scales, and the authority of past commands.
+    /// Scales of all states of the sampled plant: those of the plant, and the authority of past commands.
     pub fn all_scales(&self) -> Vec<f64> {
         let past = self.delayed.iter().flat_map(|m| m.layout.commands.iter().zip(&self.inputs));
         self.scales.iter().copied().chain(past.flat_map(|(n, l)| vec![l.authority(); *n])).collect()
@@ -350,14 +353,15 @@ impl SampledPlant {
         self.b.ncols()
     }
 
-    /// For each of the vehicle's own states, of which other state it is the integral by definition; see [`whirlstand_vehicle::kinematic_row`].
+    /// For each of the vehicle's own states, the state of which it is the integral by definition, with the
+    /// coefficient; see [`whirlstand_vehicle::kinematic_row`].
     pub fn kinematic_rows(&self) -> Vec<Option<(usize, f64)>> {
         let (a, b) = (self.own_a(), self.own_b());
         (0..self.own).map(|i| kinematic_row(&a, &b, i)).collect()
     }
 }
 
-/// The input matrix onto the own states once lags and modes have come to rest.
+/// Input matrix to the own states with lags and modes in their steady state.
 fn equivalent_input(model: &LinearModel, own: usize) -> Result<DMatrix<f64>, SampledPlantError> {
     let count = model.actuators;
     if count == 0 {
@@ -374,7 +378,7 @@ fn equivalent_input(model: &LinearModel, own: usize) -> Result<DMatrix<f64>, Sam
     Ok(b)
 }
 
-/// `-a^-1 b`, where `a` has an inverse as lags and modes have.
+/// `-a^-1 b`; `a` is invertible for lags and modes.
 fn rest_of(a: DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     if a.is_empty() {
         return b.clone();

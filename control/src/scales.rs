@@ -1,11 +1,12 @@
-//! Sizes of the states, from what full input makes of them.
+//! Default scales of the states, from their response to full input.
 
 use nalgebra::DMatrix;
 
 use crate::input_limits::InputLimits;
 
-/// A tenth of the largest excursion that full steps on the inputs cause within two seconds; a thirtieth of that
-/// within ten for a state on which nothing depends, as a position, because an outer, slower loop holds it.
+/// A tenth of the largest excursion that full steps on the inputs cause within two seconds; a thirtieth of
+/// that within ten for a state on which no other depends, such as a position, because a slower outer loop
+/// controls it.
 pub fn default_scales(
     a: &DMatrix<f64>,
     phi: &DMatrix<f64>,
@@ -31,8 +32,8 @@ pub fn default_scales(
         }
     }
     let largest = reach.iter().copied().filter(|r| r.is_finite()).fold(0.0, f64::max);
-    // A state that no input moves is measured by those that move: weighing it by its own reach, which is nothing,
-    // would leave only rounding of the others.
+    // An uncontrollable state has the scale of the controllable ones: its own response is zero, and dividing
+    // by it would leave only rounding of the others.
     let sized = |r: f64| match r {
         _ if largest == 0.0 => 1.0,
         r if r < 1e-6 * largest => largest,

@@ -1,9 +1,10 @@
 //! Sliding surfaces for sampled control.
 //!
-//! The plant is brought to regular form by an orthogonal transformation, in which the inputs act on the last m
-//! states only; the others see those as their inputs, and a gain for them shapes the surface (Utkin, Sliding
-//! Modes in Control and Optimization, 1992; Edwards and Spurgeon, Sliding Mode Control, 1998, chapter 4). The
-//! reaching law is Gao, Wang and Homaifa's (IEEE Trans. Ind. Electron. 42, 1995), with a boundary layer.
+//! The plant is transformed to regular form by an orthogonal transformation, in which the inputs act on the
+//! last m states only; these are the inputs of the other states, and a gain for them defines the surface
+//! (Utkin, Sliding Modes in Control and Optimization, 1992; Edwards and Spurgeon, Sliding Mode Control, 1998,
+//! chapter 4). The reaching law is Gao, Wang and Homaifa's (IEEE Trans. Ind. Electron. 42, 1995), with a
+//! boundary layer.
 
 use nalgebra::DMatrix;
 use thiserror::Error;
@@ -12,10 +13,10 @@ use whirlstand_linalg::{C64, DecompositionError, orthogonal_completion, singular
 use crate::place::{PlaceError, place};
 use crate::riccati::{RiccatiError, dare};
 
-/// How the motion on the surface is shaped.
+/// Method that shapes the motion on the surface.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shaping {
-    /// Least cost of the states, weight n x n, discrete.
+    /// Minimum cost of the states, weight n x n, discrete.
     Cost(DMatrix<f64>),
     /// Given poles, n - m of them, discrete.
     Poles(Vec<C64>),
@@ -24,25 +25,25 @@ pub enum Shaping {
 /// A sliding surface `s = C x` and the motion on it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
-    /// C, m x n, scaled so that `C Gamma = T I`: s is in units of the inputs times s, and the input acts on it as
-    /// on an integrator.
+    /// Surface matrix C, m x n, scaled so that `C Gamma = T I`: s is in units of the inputs times s, and the
+    /// input acts on it as on an integrator.
     pub c: DMatrix<f64>,
-    /// Gain of the equivalent control `u = -K x`, m x n, which keeps s where it is: `C (Phi - Gamma K) = C`.
+    /// Gain of the equivalent control `u = -K x`, m x n, which keeps s constant: `C (Phi - Gamma K) = C`.
     pub equivalent: DMatrix<f64>,
     /// Poles of the motion on the surface, n - m of them, discrete.
     pub poles: Vec<C64>,
 }
 
-/// Why there is no surface.
+/// Reason why there is no surface.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SurfaceError {
-    /// B has dependent columns.
+    /// The columns of B are dependent.
     #[error(
         "the {inputs} inputs act in only {rank} independent directions; sliding-mode control needs as many surfaces as \
          inputs, so drop or combine inputs"
     )]
     DependentInputs {
-        /// Inputs.
+        /// Number of inputs.
         inputs: usize,
         /// Rank of the input matrix.
         rank: usize,
@@ -62,7 +63,7 @@ impl Surface {
     /// A surface for `x+ = phi x + gamma u` (n x n, n x m, m <= n) with period `dt` in s.
     ///
     /// # Errors
-    /// [`SurfaceError`] when the inputs are dependent, or the reduced system cannot be shaped as asked.
+    /// [`SurfaceError`] when the inputs are dependent, or the reduced system cannot be shaped as requested.
     pub fn design(
         phi: &DMatrix<f64>,
         gamma: &DMatrix<f64>,
@@ -76,7 +77,7 @@ impl Surface {
         if rank < m {
             return Err(SurfaceError::DependentInputs { inputs: m, rank });
         }
-        // Rows of t: first what the inputs do not move, then what they do.
+        // Rows of t: first the directions that the inputs do not move, then those that they move.
         let q = orthogonal_completion(gamma);
         let mut t = DMatrix::zeros(n, n);
         t.rows_mut(0, n - m).copy_from(&q.columns(m, n - m).transpose());

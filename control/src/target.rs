@@ -1,20 +1,20 @@
-//! Where a tracked reference leads: the steady state and the input that hold it.
+//! Steady state and input for a tracked reference.
 
 use crate::sampled_plant::SampledPlant;
 
 /// Finds, for a set of tracked states and their reference r, the state `x_s` and input `u_s` to regulate about.
 ///
-/// The conditions are, each taken as far as it does not contradict the ones before it:
+/// The conditions, each satisfied as far as it does not contradict the earlier ones, are:
 /// 1. the derivative of every state that others depend on is zero, `A x_s + B u_s = 0`;
 /// 2. tracked states have their reference;
-/// 3. the derivative of every other state (one on which nothing depends, as a position) is zero;
+/// 3. the derivative of every other state (one on which no other depends, such as a position) is zero;
 /// 4. such a state has its reference even when it is not tracked;
-/// 5. what is left is as small as can be, in units of the plant's scales.
+/// 5. the remaining freedom is used to minimise the norm, in units of the plant's scales.
 ///
-/// A state of kind 3 that cannot rest (a position while a speed is tracked) is freed: it is not fed back. Tracked
-/// states always keep their reference itself, so that a moving reference can come with its derivative.
+/// A state of kind 3 that cannot rest (a position while a speed is tracked) is freed: it is not fed back.
+/// Tracked states always have their reference itself, so that a moving reference can include its derivative.
 ///
-/// All memory is taken on construction; a change of the tracked set costs one small orthogonalisation.
+/// All memory is allocated on construction; a change of the tracked set costs one small orthogonalisation.
 #[derive(Debug, Clone)]
 pub struct Target {
     n: usize,
@@ -25,7 +25,7 @@ pub struct Target {
     ignorable: Vec<bool>,
     tracked: u64,
     freed: Vec<bool>,
-    /// Orthonormal rows found so far, and each one's right side as a linear function of r.
+    /// Orthonormal rows found so far, and each one's right-hand side as a linear function of r.
     basis: Vec<f64>,
     sides: Vec<f64>,
     row: Vec<f64>,
@@ -35,7 +35,7 @@ pub struct Target {
 }
 
 impl Target {
-    /// Prepared for a plant, nothing tracked.
+    /// Prepares the computation for a plant, with no tracked state.
     pub fn new(plant: &SampledPlant) -> Self {
         let (n, m) = (plant.state_count(), plant.input_count());
         let size = n + m;
@@ -67,17 +67,17 @@ impl Target {
         target
     }
 
-    /// The tracked set in use, bit i for state i.
+    /// Bit mask of the tracked states, bit i for state i.
     pub fn tracked(&self) -> u64 {
         self.tracked
     }
 
-    /// States that are not fed back.
+    /// True for states that are not fed back.
     pub fn freed(&self) -> &[bool] {
         &self.freed
     }
 
-    /// Changes the tracked set.
+    /// Changes the set of tracked states.
     pub fn track(&mut self, tracked: u64) {
         if tracked != self.tracked {
             self.solve(tracked);
@@ -123,7 +123,7 @@ impl Target {
                 rank = self.add_reference(i, rank);
             }
         }
-        // Least-norm solution: the sum of the orthonormal rows times their right sides.
+        // Minimum-norm solution: the sum of the orthonormal rows times their right-hand sides.
         for i in 0..size {
             for j in 0..n {
                 let sum: f64 = (0..rank).map(|k| self.basis[k * size + i] * self.sides[k * n + j]).sum();
@@ -147,7 +147,8 @@ impl Target {
         self.add(rank).0
     }
 
-    /// Adds the prepared row unless it depends on those before; says whether it agrees with them.
+    /// Adds the prepared row unless it depends on the earlier ones; returns whether it is consistent with
+    /// them.
     fn add(&mut self, rank: usize) -> (usize, bool) {
         let (n, size) = (self.n, self.n + self.m);
         let before = norm(&self.row);
@@ -156,7 +157,7 @@ impl Target {
         }
         self.row.iter_mut().for_each(|v| *v /= before);
         self.side.iter_mut().for_each(|v| *v /= before);
-        // Twice is enough (Kahan and Parlett).
+        // Orthogonalising twice is enough (Kahan and Parlett).
         for _ in 0..2 {
             for k in 0..rank {
                 let basis = &self.basis[k * size..(k + 1) * size];

@@ -1,4 +1,4 @@
-//! Why a record cannot be diagnosed at all.
+//! Errors for which a record cannot be diagnosed at all.
 
 use whirlstand_logs::shown::clean;
 use whirlstand_vehicle::SimulatorError;
@@ -6,43 +6,44 @@ use whirlstand_vehicle::SimulatorError;
 use whirlstand_ident::compare::CompareError;
 use whirlstand_ident::identify::IdentifyError;
 
-/// Why there is no diagnosis. What is wrong with a record that can be read is an answer, not an error.
+/// Reason why there is no diagnosis. Problems of a record that can be read are part of the answer, not
+/// errors.
 #[derive(Debug, thiserror::Error)]
 pub enum DiagnoseError {
-    /// The record lacks what the vehicle needs, or has no clock.
+    /// The record lacks a signal that the vehicle needs, or has no clock.
     #[error(transparent)]
     Record(#[from] IdentifyError),
-    /// A record could not be brought onto a grid.
+    /// A record could not be resampled onto a grid.
     #[error(transparent)]
     Grid(#[from] CompareError),
-    /// Too few steps.
+    /// The record has too few steps.
     #[error(
         "{origin} has {steps} steps, but at least {least} are needed to distinguish causes: give a longer record"
     )]
     TooShort {
-        /// Where the record was read from.
+        /// Path of the record.
         origin: String,
-        /// Steps that it has.
+        /// Steps of the record.
         steps: usize,
-        /// Steps that are needed.
+        /// Smallest number of steps.
         least: usize,
     },
     /// The vehicle cannot be simulated.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),
-    /// Records of one diagnosis have different periods.
+    /// The records of one diagnosis have different periods.
     #[error(
         "the periods differ: {other} has {} s, {first} has {} s; give one with --period",
         clean(*other_s), clean(*first_s)
     )]
     Periods {
-        /// The first record.
+        /// Path of the first record.
         first: String,
-        /// Its period, s.
+        /// Period of the first record, s.
         first_s: f64,
-        /// Another record.
+        /// Path of the other record.
         other: String,
-        /// Its period, s.
+        /// Period of the other record, s.
         other_s: f64,
     },
 }

@@ -1,6 +1,8 @@
-//! Diagnosis: what a simulation gets wrong, why, and what is gained by mending it.
+//! Diagnosis of a simulation against flight records: its errors, their causes, and the improvement by
+//! correcting them.
 //!
-//! A diagnosis is a list of stages, each a type in [`stages`]: load, check, baseline, select, residual, findings, answer.
+//! A diagnosis is a sequence of stages, each a type in [`stages`]: load, check, baseline, select, residual,
+//! findings, answer.
 
 pub mod answer;
 pub mod candidates;
@@ -37,10 +39,11 @@ use stages::select::Selected;
 use stages::weighed::Weighed;
 use thresholds::{MIN_BIC_GAIN, REST_BEFORE_BIC};
 
-/// Diagnoses one or more records, at least one.
+/// Diagnoses one or more records of a vehicle.
 ///
 /// # Errors
-/// [`DiagnoseError`] when there is nothing that could be simulated; what is wrong with data that can is an answer.
+/// [`DiagnoseError`] when nothing can be simulated; problems of data that can be simulated are part of the
+/// answer.
 ///
 /// # Panics
 /// Without a record.
@@ -52,7 +55,8 @@ pub fn diagnose(
     if !vehicle.sensor_noise_is_estimated() {
         return diagnosed(records, vehicle, options);
     }
-    // What changes from sample to sample in flight is no bound of what is noise: it is fitted, as where none is declared.
+    // Sample-to-sample changes in flight are no upper bound of the noise: it is fitted, as where none is
+    // declared.
     let mut undeclared = vehicle.clone();
     undeclared.outputs.iter_mut().for_each(|output| output.noise = 0.0);
     let mut answer = diagnosed(records, &undeclared, options)?;
@@ -62,7 +66,7 @@ pub fn diagnose(
     Ok(answer)
 }
 
-/// The diagnosis where the noise that the vehicle file gives is what its sensors err by.
+/// The diagnosis under the assumption that the noise in the vehicle file is the sensors' true noise.
 fn diagnosed(records: &[Record], vehicle: &Vehicle, options: &Options) -> Result<Diagnosis, DiagnoseError> {
     let units = screen::wrong_units(records, vehicle, options.period_s)?;
     if !units.is_empty() {
@@ -84,11 +88,11 @@ fn diagnosed(records: &[Record], vehicle: &Vehicle, options: &Options) -> Result
     })
 }
 
-/// The answer of predictors that follow the record, where they are likelier than the free run with all that was found, by
-/// the vehicle alone or with causes of their own. What a free run leaves has to be explained where it means something:
-/// a filter that found no cause has only taken it for noise.
+/// The answer of a predictor that follows the record, where it is more likely than the free run with all its
+/// causes, either with the vehicle alone or with its own causes. A meaningful free run's residual has to be
+/// explained: a filter that found no cause has only absorbed it as process noise.
 fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
-    // Where all noise is declared, nothing that goes beyond it may be taken for noise.
+    // Where all noise is declared, nothing beyond it may be taken for noise.
     let declared = |c: &Channel| loaded.vehicle.outputs[c.output].noise > 0.0;
     let declared = loaded.data.channels.iter().all(declared);
     let explained = free.answer.verdict == Verdict::Explained;
@@ -101,13 +105,13 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     if free.means_something && unlikely {
         return None;
     }
-    // Process noise takes a cause for noise, the more the sooner it forgets: causes are looked for with the least of it.
-    // What that leaves of the record's own colour, the noise of the innovations has, anew beside every candidate.
+    // Process noise absorbs causes, and more so the shorter the memory: causes are searched for with the
+    // longest memory. Colour that remains in the innovations is modelled anew beside every candidate.
     let longest = memories.iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds))?;
     loaded.options.watch.tell("fitting a filter to the record");
     let best = over_commands(&loaded.remembering(longest.seconds, likeliest.seconds));
     let likelihood = best.likelihood?;
-    // Gusts that are named make a free run a bad prediction and a good model.
+    // Named turbulence makes a free run a bad prediction and a good model.
     let plainly_likelier = free.likelihood.is_some_and(|l| l.bic_gain(&likelihood) < -MIN_BIC_GAIN);
     let free_stands = if free.means_something {
         best.answer.causes.is_empty()
@@ -117,8 +121,9 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     (!free_stands).then_some(best)
 }
 
-/// The answer over loaded records. What came before a record nobody knows: a command that was there at first was there
-/// before, unless the causes that are found so do plainly better without.
+/// The answer over loaded records. Commands before a record are unknown: the first command is assumed to have
+/// been applied before, unless the causes found under that assumption are clearly worse than with inputs at
+/// rest.
 fn over_commands(loaded: &Loaded<'_>) -> Weighed {
     if !loaded.data.begins_moving(loaded.vehicle) {
         return answered(loaded);
@@ -128,7 +133,7 @@ fn over_commands(loaded: &Loaded<'_>) -> Weighed {
     if held.rest_before > REST_BEFORE_BIC && !stopped { answered(loaded) } else { held }
 }
 
-/// The stages over loaded records.
+/// Runs all stages over loaded records.
 fn answered(loaded: &Loaded<'_>) -> Weighed {
     let baseline = match Baseline::new(Checked::new(loaded)) {
         Ok(baseline) => baseline,

@@ -1,11 +1,11 @@
-//! Every threshold of the diagnosis: its name, its unit, and where it comes from.
+//! Thresholds of the diagnosis, each with its unit and its source.
 //!
-//! Three kinds have no paper behind them, and say so in a word:
-//! - *calibrated*: the value that did best on blind trials, which anyone can fly again:
+//! Three kinds have no reference, and are marked by a word:
+//! - *calibrated*: the value that did best on blind trials, which anyone can repeat:
 //!   `whirlstand blind --trials 2000 --seed 8 --length 12:24 --rate 40,50`. They are engineering choices, not theory;
-//!   what a change of one does is to be shown by the same trials with `--generator shifted`.
-//! - *cost*: bounds the work; a larger value (a finer grid, more starts) finds the same and takes longer.
-//! - *definition*: what a word of the answer means.
+//!   the effect of a change is to be shown by the same trials with `--generator shifted`.
+//! - *cost*: bounds the work; a larger value (a finer grid, more starts) gives the same result and takes longer.
+//! - *definition*: defines a word of the answer.
 
 mod screen;
 
@@ -14,96 +14,99 @@ use whirlstand_ident::identify::search::Limits;
 pub(crate) use screen::*;
 
 // data: what a record shows by itself
-/// A step of the clock that is so many times the usual one is a gap: two samples may be missing and the clock jitter by
+/// A clock step this many times the usual one is a gap: two samples may be missing and the clock jitter by
 /// half a step. As in `whirlstand_logs`.
 pub(crate) const GAP_STEPS: f64 = whirlstand_logs::LONGEST_BRIDGED;
-/// Share of the fastest time constant for which commands may be unknown: what they do meanwhile is at most that share of
-/// what they do in the end.
+/// Share of the fastest time constant for which commands may be unknown: their response meanwhile is at most
+/// that share of the final response.
 pub(crate) const BRIDGED_TIME_CONSTANT_SHARE: f64 = 0.1;
-/// The same for a vehicle that integrates, as a share of the record. Calibrated.
+/// Longest bridged gap for an integrating vehicle, as a share of the record. Calibrated.
 pub(crate) const BRIDGED_RECORD_SHARE: f64 = 0.01;
-/// Steps of a part between two gaps from which on it counts: those that likelihoods leave out, and as many again.
+/// Fewest steps of a part between two gaps that counts: those that likelihoods leave out, and as many again.
 pub(crate) const MIN_PART_STEPS: usize = 2 * MAX_AR_ORDER;
-/// Fewer steps than this tell nothing about dynamics. About three times the highest order of the noise model, so
-/// that its estimate exists.
+/// Fewest steps of a record. Fewer determine no dynamics: about three times the highest order of the noise
+/// model, so that its estimate exists.
 pub(crate) const MIN_STEPS: usize = 64;
-/// Periods of parts that differ by less are one: clocks are not the same before and behind a gap to the last digit, and times
-/// that are wrong by so little show in no time constant. Definition.
+/// Relative difference below which periods of parts are equal: clocks before and after a gap differ in the
+/// last digits, and so small a difference affects no time constant. Definition.
 pub(crate) const SAME_PERIOD_SHARE: f64 = 2e-3;
 /// Share of an input's largest magnitude beyond which a first command is not rest. Calibrated.
 pub(crate) const FIRST_COMMAND_SHARE: f64 = 0.1;
-/// Steps that are looked at, at most, where the user does not say otherwise: ten minutes at 100 Hz. Cost.
+/// Largest number of steps analysed, unless the user says otherwise: ten minutes at 100 Hz. Cost.
 pub(crate) const MAX_SEARCHED_STEPS: f64 = 60_000.0;
 /// A channel that does not change for this share of the record is stuck. Calibrated.
 pub(crate) const STUCK_SHARE: f64 = 0.05;
 /// Fit above which two channels are taken to be the same signal, 0 to 1. More than half of the power of one channel
 /// is that of the other.
 pub(crate) const SAME_SIGNAL_FIT: f64 = 0.6;
-/// A rounding is worth naming from this share of the noise on. Sheppard (1898): rounding below half of the noise is
-/// noise of step / sqrt(12).
+/// Smallest rounding step that is named, relative to the noise. Sheppard (1898): rounding below half of the
+/// noise is noise of step / sqrt(12).
 pub(crate) const COARSE_STEP_SHARE: f64 = 0.5;
-/// Fewer samples than this are no effect. Calibrated.
+/// Fewest samples of an effect. Calibrated.
 pub(crate) const MIN_HELD_SAMPLES: usize = 5;
-/// Values of fewer levels may be switched, not rounded. Calibrated.
+/// Fewest levels of a rounded signal; fewer may be a switched one. Calibrated.
 pub(crate) const MIN_LEVELS: usize = 3;
-/// With fewer steps from the least to the greatest, a limit cannot be told from rounding. Calibrated.
+/// Fewest rounding steps in a signal's range for which a limit can be told from rounding. Calibrated.
 pub(crate) const MIN_STEPS_OF_A_LIMIT: f64 = 8.0;
-/// A sensor of whose values this share is new may lose some now and then; one of whose fewer are is a slower sensor. Calibrated.
+/// Smallest share of new values with which a sensor counts as one that occasionally loses some; below it, the
+/// sensor is a slower one. Calibrated.
 pub(crate) const NEW_VALUE_SHARE: f64 = 0.25;
-/// A value that repeats less often than this share of how often values usually do is no level of a rounded sensor. Calibrated.
+/// Values that repeat less often than this share of the usual number are no level of a rounded sensor.
+/// Calibrated.
 pub(crate) const OFTEN_SHARE: f64 = 0.2;
-/// Repeats are counted only where rounding makes fewer than this share of neighbours equal: a value that is lost would be
-/// one among many elsewhere. Fisher's 5 %.
+/// Repeats are counted only where rounding makes fewer than this share of neighbours equal: elsewhere a held
+/// value would be one among many. Fisher's 5 %.
 pub(crate) const RARE_REPEAT: f64 = 0.05;
 /// Neighbours on each side to which a value is compared. Calibrated.
 pub(crate) const NEIGHBOURS: usize = 4;
-/// Fewer wild values than this may be anything. Calibrated.
+/// Fewest outliers of a channel. Calibrated.
 pub(crate) const MIN_OUTLIERS: usize = 3;
-/// One wild value alone counts if it stands this many times as far that limit. Calibrated.
+/// A single outlier counts if it exceeds the limit this many times. Calibrated.
 pub(crate) const OUTLIER_SIZE_RATIO: f64 = 1.5;
-/// Degrees of freedom of a noise of heavy tails that are tried. Cost.
+/// Degrees of freedom tried for heavy-tailed noise. Cost.
 pub(crate) const STUDENT_DEGREES: [f64; 8] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0];
-/// Rounds in which its scale is estimated. Cost.
+/// Rounds in which the scale of Student's t is estimated. Cost.
 pub(crate) const STUDENT_ROUNDS: usize = 20;
-/// Rounds of expectation and maximisation for wild values beside normal ones. Cost.
+/// Rounds of expectation maximisation for outliers beside normal values. Cost.
 pub(crate) const MIXTURE_ROUNDS: usize = 20;
-/// A wild value stands this many standard deviations away from its neighbours. Two-sided Gaussian tail of 8e-11:
-/// less than 1e-5 expected in 10 minutes at 100 Hz and two channels.
+/// Smallest distance of an outlier from its neighbours, in standard deviations. Two-sided Gaussian tail of
+/// 8e-11: less than 1e-5 expected in 10 minutes at 100 Hz and two channels.
 pub(crate) const OUTLIER_SIGMAS: f64 = 6.5;
-/// A wild value stands this many times as far as half of the neighbours stand from their middle. Two-sided Gaussian tail of 6e-7.
+/// Distance of an outlier relative to the median distance of its neighbours from their middle. Two-sided
+/// Gaussian tail of 6e-7.
 pub(crate) const ISOLATED_SIGMAS: f64 = 5.0;
-/// Of a channel that rounds, a wild value is off by so many steps. Calibrated.
+/// Smallest outlier of a rounded channel, in rounding steps. Calibrated.
 pub(crate) const OUTLIER_STEP_RATIO: f64 = 2.5;
-/// Rounds in which colour and wild values are told from each other. Cost.
+/// Rounds in which coloured noise and outliers are separated. Cost.
 pub(crate) const OUTLIER_ROUNDS: usize = 2;
-/// Up to this many times the declared amplitude a tone is the declared one. Calibrated.
+/// A tone of up to this many times the declared amplitude is the declared one. Calibrated.
 pub(crate) const DECLARED_AMPLITUDE_RATIO: f64 = 1.5;
 /// How far the frequency of a rotor may be from the declared, in lines of the record's resolution, to either side.
 /// The main lobe of a rectangular window reaches one line to either side; one more for a rotor that is governed.
 pub(crate) const DECLARED_FREQUENCY_LINES: i32 = 2;
-/// Difference in BIC from which on it is plain that the first commands of a record were not there before. Three
-/// times what Kass and Raftery (1995) call very strong.
+/// Difference in BIC from which the first commands of a record are taken to begin with it. Three times what
+/// Kass and Raftery (1995) call very strong.
 pub(crate) const REST_BEFORE_BIC: f64 = 30.0;
-/// A push before this time is one at the beginning, s. Calibrated.
+/// A disturbance before this time is one at the beginning, s. Calibrated.
 pub(crate) const BEGINNING_S: f64 = 0.1;
 
 // model: likelihood and simulation
-/// Highest order that is considered. Rows up to it are left out of every likelihood, whatever the order, so that
-/// likelihoods can be compared. Twice the samples of the slowest noise that flight sensors show at 100 Hz; the
-/// order itself is chosen by BIC. Rows up to it are left out of every likelihood.
+/// Highest autoregressive order considered. Rows up to it are left out of every likelihood, whatever the
+/// order, so that likelihoods can be compared. Twice the samples of the slowest noise that flight sensors
+/// show at 100 Hz; the order itself is chosen by BIC.
 pub(crate) const MAX_AR_ORDER: usize = 20;
-/// Standard deviation of the logarithm of a declared noise's: right to a factor of two, the ratio from which on `noise` is a
-/// cause. Definition.
+/// Standard deviation of the logarithm of a declared noise: correct to a factor of two, the ratio from which
+/// `noise` is a cause. Definition.
 pub(crate) const DECLARED_NOISE_LOG_STD: f64 = std::f64::consts::LN_2;
-/// Gain of the log-likelihood below which a fit is done. A hundredth of the standard error of a log-likelihood
-/// ratio of one parameter (Wilks 1938).
+/// Gain of the log-likelihood below which a fit has converged. A hundredth of the standard error of a
+/// log-likelihood ratio of one parameter (Wilks 1938).
 pub(crate) const FIT_TOLERANCE: f64 = 0.02;
-/// Steps of Levenberg and Marquardt that are tried from one point, each with ten times the damping of the last. Cost.
+/// Levenberg-Marquardt steps tried from one point, each with ten times the damping of the last. Cost.
 pub(crate) const MAX_DAMPED_STEPS: usize = 6;
-/// A run that leaves the largest measured value this many times behind is given up: nonlinear effects far out cost
+/// A run that exceeds the largest measured value this many times has diverged: nonlinear effects far out cost
 /// thousands of steps each. Cost.
 pub(crate) const DIVERGED_RATIO: f64 = 1e3;
-/// By how much a state is moved for a sensitivity. Forward difference of a response that is linear in the initial
+/// Perturbation of a state for a sensitivity. Forward difference of a response that is linear in the initial
 /// state: rounding and curvature are both below 1e-6.
 pub(crate) const INITIAL_STATE_STEP: f64 = 1e-3;
 /// Steps after which a filter's covariance is taken as settled. Cost.
@@ -111,38 +114,38 @@ pub(crate) const MAX_TRANSIENT_STEPS: usize = 400;
 /// Relative change of the gain in a step below which it is settled. Likelihoods err by its square. The covariance of a filter is
 /// stationary about the optimal gain: an error enters squared (Anderson and Moore 1979).
 pub(crate) const SETTLED_GAIN_CHANGE: f64 = 1e-6;
-/// Rounds of a climb, at most. Cost.
+/// Largest number of steps of a climb. Cost.
 pub(crate) const MAX_CLIMB_ROUNDS: usize = 15;
-/// A climb may gain so many times what its first steps promise, and so much more. Cost.
+/// Largest gain left to a climb: this many times what its next step promises, plus this many. Cost.
 pub(crate) const CLIMB_OPTIMISM: f64 = 4.0;
-/// Partial correlations below this are none. Calibrated.
+/// Magnitude below which partial correlations are set to zero. Calibrated.
 pub(crate) const WEAK_CORRELATION: f64 = 0.2;
-/// Samples of each channel from which on there are spectra. Calibrated.
+/// Fewest samples of a channel for which spectra are estimated. Calibrated.
 pub(crate) const MIN_SPECTRUM_SAMPLES: usize = 256;
 /// The shortest memory of a predictor that follows the record, steps: shorter, a prediction is the last sample. Definition.
 pub(crate) const SHORTEST_MEMORY_STEPS: f64 = 2.0;
 /// Ratio of a memory to the next. The likelihood of a filter is flat about its optimum: a gain that is off by a factor
 /// of two costs a few per cent of the innovations' variance (Anderson and Moore 1979). Cost.
 pub(crate) const MEMORY_GROWTH: f64 = 4.0;
-/// The longest memory, as a share of the record: of a longer one too few are in it to size it. Cost.
+/// The longest memory, as a share of the record: a record contains too few longer ones to estimate it. Cost.
 pub(crate) const MEMORY_RECORD_SHARE: f64 = 0.1;
-/// The longest horizon that is chosen by itself, as a share of the record. Ten independent predictions.
+/// The longest default horizon, as a share of the record. Ten independent predictions.
 pub(crate) const HORIZON_RECORD_SHARE: f64 = 0.1;
-/// The shortest horizon that is chosen by itself, steps. Definition.
+/// The shortest default horizon, steps. Definition.
 pub(crate) const LEAST_HORIZON_STEPS: f64 = 10.0;
 
 // candidates: where effects are looked for
 /// Stands for no limit in a parameter that must be finite.
 pub(crate) const UNBOUNDED: f64 = 1e9;
-/// Times at which an event is tried, at least. Cost.
+/// Fewest times at which an event is tried. Cost.
 pub(crate) const MIN_EVENT_TIMES: usize = 600;
 /// Durations of a pulse, in steps of the grid of times: each about 1.6 times the last. Cost.
 pub(crate) const DURATION_GROWTH: f64 = 1.6;
-/// Tones that are followed up, at most, in every channel. Cost.
+/// Largest number of tones followed up in every channel. Cost.
 pub(crate) const TONES_FOLLOWED: usize = 2;
-/// A tone must stand this far above its surroundings in power to be followed up; chance reaches this on one of 3000
-/// frequencies. Whether it is accepted, the likelihood decides. Periodogram ordinates are exponential (Priestley
-/// 1981, 6.1): exp(-8) is one of 3000.
+/// Smallest ratio of a tone's power to its surroundings; chance reaches this on one of 3000 frequencies. The
+/// likelihood decides whether it is accepted. Periodogram ordinates are exponential (Priestley 1981, 6.1):
+/// exp(-8) is one of 3000.
 pub(crate) const TONE_POWER_RATIO: f64 = 8.0;
 /// Times at which a transition is tried. Cost.
 pub(crate) const TRANSITION_TIMES: usize = 24;
@@ -150,105 +153,110 @@ pub(crate) const TRANSITION_TIMES: usize = 24;
 // search: which candidates are causes
 /// Least gain in BIC. Kass and Raftery (1995): very strong evidence.
 pub(crate) const MIN_BIC_GAIN: f64 = 10.0;
-/// Largest probability of a chance, corrected. The usual 1 %, corrected for all looks (Holm 1979).
+/// Largest probability by chance, corrected for all tests. The usual 1 % (Holm 1979).
 pub(crate) const MAX_P_VALUE: f64 = 0.01;
 /// Least gain on left-out data over its standard error. One-sided Gaussian tail of 2.3 %.
 pub(crate) const MIN_HELD_OUT_SIGMAS: f64 = 2.0;
-/// Largest standard error of a size, as a share of it. A size is then more than three standard
-/// errors from nothing.
+/// Largest relative standard error of a size. A size is then more than three standard errors from zero.
 pub(crate) const MAX_RELATIVE_ERROR: f64 = 0.3;
-/// A response that is right to a seventh leaves a fiftieth of its energy. A cause that gains less than this share of what the
-/// largest gains may only mend the largest one's shape, and one that leaves more, and no noise, is like the truth, not it.
+/// A cause that gains less than this share of the largest gain may only correct the latter's shape: a
+/// response accurate to a seventh leaves a fiftieth of its energy. A cause whose residual has more, and is
+/// not noise, only resembles the truth.
 pub(crate) const RIDER_SHARE: f64 = 0.02;
-/// Detectability below which an effect cannot be told. Non-central chi-square of one degree: found with
+/// Detectability below which an effect cannot be detected. Non-central chi-square of one degree: found with
 /// 81 % at a level of 1 %.
 pub(crate) const MIN_DETECTABILITY: f64 = 12.0;
 /// Cosine from which on two signatures are one. Nine tenths of the energy of one signature is that of the other.
 pub(crate) const SAME_SIGNATURE_COSINE: f64 = 0.95;
 /// Difference in BIC up to which a rival is as good. Kass and Raftery (1995): the upper end of positive evidence.
 pub(crate) const RIVAL_BIC: f64 = 6.0;
-/// Causes that are named, at most. Cost.
+/// Largest number of causes named. Cost.
 pub(crate) const MAX_CAUSES: usize = 5;
-/// Difference in BIC from which on a candidate is not believed beside a better one that was refused. Three times
+/// Difference in BIC from which a candidate is not credible beside a better one that was refused. Three times
 /// what Kass and Raftery (1995) call very strong.
 pub(crate) const OVERSHADOWED_BIC: f64 = 30.0;
-/// Difference in BIC below which two causes that do not look alike cannot both be excluded: odds of about seven to
-/// one.
+/// Difference in BIC below which neither of two causes with different signatures can be excluded: odds of
+/// about seven to one.
 pub(crate) const UNDECIDED_BIC: f64 = 4.0;
-/// Standard deviations below what a cause would gain over its rival, from which on it is not the truth: the normal
-/// distribution's quantile at a level of 1 %.
+/// Standard deviations below a cause's expected gain over its rival beyond which it is not the truth: the
+/// normal distribution's quantile at a level of 1 %.
 pub(crate) const COX_QUANTILE: f64 = 2.33;
-/// A term is found again when it gains this share of what it gained in the model. Calibrated.
+/// Share of its earlier gain with which a term counts as found again. Calibrated.
 pub(crate) const FOUND_AGAIN_SHARE: f64 = 0.5;
-/// Exchanges for better rivals in the end, at most. Cost.
+/// Largest number of final exchanges for better rivals. Cost.
 pub(crate) const MAX_EXCHANGES: usize = 6;
-/// Candidates that are fitted a few steps, at most. Cost.
+/// Largest number of candidates fitted by a few steps. Cost.
 pub(crate) const GLANCED: usize = 16;
-/// Candidates that are fitted to their optimum, at most, and how far in BIC behind the best of them: a few steps
-/// under the noise model of the start may still miss a share of what a strong effect gains. Cost.
+/// Largest number of candidates fitted to their optimum, as a few steps under the noise model of the start
+/// may still miss a share of what a strong effect gains. Cost.
 pub(crate) const FITTED: usize = 5;
-/// How far in BIC behind the best a candidate may be to be fitted to its optimum. Cost.
+/// Difference in BIC to the best up to which a candidate is fitted to its optimum. Cost.
 pub(crate) const FITTED_BEHIND_BIC: f64 = 40.0;
-/// The same as a share of what the best gains. Cost.
+/// Difference in BIC to the best, as a share of the best gain, up to which a candidate is fitted to its
+/// optimum. Cost.
 pub(crate) const FITTED_BEHIND_SHARE: f64 = 0.25;
-/// One that is so near in BIC may be what cannot be told from the best: then it is fitted, however many there are.
-/// Cost.
+/// Difference in BIC up to which a candidate may be indistinguishable from the best: it is then always
+/// fitted. Cost.
 pub(crate) const FITTED_NEAR_BIC: f64 = 15.0;
-/// Score of a transition whose time is still far off, at most. Cost.
+/// Largest score of a transition whose time is still far off. Cost.
 pub(crate) const DISTANT_TRANSITION_SCORE: f64 = 100.0;
-/// Gain in BIC below which the first look leaves no hope that a fit would be accepted. Cost.
+/// Gain in BIC of the first few steps below which a fit has no chance of being accepted. Cost.
 pub(crate) const HOPELESS_BIC: f64 = -20.0;
-/// Candidates of each score test whose noise model is fitted anew before that choice. Cost.
+/// Candidates of each score test whose noise model is refitted before the choice of those to be fitted. Cost.
 pub(crate) const PROFILED: usize = 40;
-/// Candidates of each survey that may take another's place later. Cost.
+/// Candidates of each survey that may later replace another. Cost.
 pub(crate) const REMEMBERED: usize = 30;
-/// Difference in BIC up to which two causes are the same thing. Below what Kass and Raftery (1995) call worth a
+/// Difference in BIC up to which two causes are equivalent. Below what Kass and Raftery (1995) call worth a
 /// mention.
 pub(crate) const SAME_EFFECT_BIC: f64 = 0.5;
-/// The same with one input and one output, where no record tells them apart but by its first samples. Calibrated.
+/// Difference in BIC up to which two causes are equivalent with one input and one output, where only the
+/// first samples of a record distinguish them. Calibrated.
 pub(crate) const SISO_SAME_BIC: f64 = 20.0;
-/// The same as a share of what the two explain. Calibrated.
+/// Difference in BIC up to which two causes are equivalent with one input and one output, as a share of their
+/// gain. Calibrated.
 pub(crate) const SISO_SAME_SHARE: f64 = 0.02;
-/// Difference in BIC up to which two causes are the same thing, for a tone of a force and one of a sensor. Calibrated.
+/// Difference in BIC up to which a tone of a force and one of a sensor are equivalent. Calibrated.
 pub(crate) const SAME_TONE_BIC: f64 = 3.0;
-/// Blocks that are left out, one after the other. Ten or so folds: Kohavi (1995).
+/// Number of cross-validation blocks. Ten or so folds: Kohavi (1995).
 pub(crate) const BLOCKS: usize = 12;
-/// Share of what is known of a value below which the rest of a record cannot stand in for a block. Calibrated.
+/// Share of a value's information below which the rest of a record cannot replace a block. Calibrated.
 pub(crate) const MIN_REMAINING_INFORMATION: f64 = 0.05;
-/// A block's gain counts up to so many times an equal share of what the two predictions differ by: where a model
-/// without the cause runs away over one block, that block alone would be the gain, and its standard error too.
-/// Calibrated.
+/// Largest counted gain of a block, relative to an equal share of the difference of the two predictions:
+/// where a model without the cause diverges over one block, that block alone would be the gain, and its
+/// standard error too. Calibrated.
 pub(crate) const MAX_BLOCK_SHARE: f64 = 4.0;
 
 // residual: what the causes leave
-/// Forces are tried on so many states at most. Cost.
+/// Largest number of states on which forces are tried. Cost.
 pub(crate) const TESTED_STATES: usize = 3;
-/// Products of states are tried up to so many states. Cost.
+/// Largest number of states whose products are tried. Cost.
 pub(crate) const PRODUCT_STATES: usize = 4;
-/// Samples of all channels that are looked at, at most. Cost.
+/// Largest number of samples tested, over all channels. Cost.
 pub(crate) const TESTED_SAMPLES: usize = 100_000;
-/// Values of all columns that are held together, at most. Memory: 40 MB.
+/// Largest number of column values held together. Memory: 40 MB.
 pub(crate) const TESTED_TOGETHER: usize = 5_000_000;
 /// Rows of a block. Cost.
 pub(crate) const GRAM_BLOCK_ROWS: usize = 2048;
-/// All functions together tell beyond so many standard deviations of chance. One-sided Gaussian tail of 3e-7.
+/// All functions together are significant beyond this many standard deviations of chance. One-sided Gaussian
+/// tail of 3e-7.
 pub(crate) const LACK_SIGMAS: f64 = 5.0;
-/// All functions together tell from this energy on, about three times what a single effect needs to be told at all. Calibrated.
+/// All functions together are significant from this energy on, about three times what a single effect needs
+/// to be detected. Calibrated.
 pub(crate) const LACK_ENERGY: f64 = 40.0;
-/// One signal tells below this probability of chance, of all looks together. Calibrated.
+/// Functions of one signal are significant below this probability of chance, over all tests. Calibrated.
 pub(crate) const LACK_P_VALUE: f64 = 1e-3;
-/// Beside turbulence, of whose spectrum a short record shows little, one signal tells below this probability.
-/// Calibrated.
+/// Beside turbulence, whose spectrum a short record hardly shows, functions of one signal are significant
+/// below this probability. Calibrated.
 pub(crate) const LACK_CERTAIN_P_VALUE: f64 = 1e-7;
-/// Share of a signal's largest magnitude from which on a smooth switch is through. Calibrated.
+/// Width of a smooth switch, as a share of a signal's largest magnitude. Calibrated.
 pub(crate) const SWITCH_SHARE: f64 = 0.1;
-/// Turns over the record of what acts now more, now less: slower than what is told by its frequency. Cost.
+/// Cycles over the record of a slowly varying gain: slower than those identified by their frequency. Cost.
 pub(crate) const SLOW_TURNS: usize = 6;
-/// Half waves of a force over the reach of a state. Cost.
+/// Half waves of a force over the range of a state. Cost.
 pub(crate) const HALF_WAVES: usize = 4;
-/// Fastest swing of a stiffness or a gain that is looked for, Hz. Calibrated.
+/// Highest frequency of a modulated stiffness or gain that is searched for, Hz. Calibrated.
 pub(crate) const FASTEST_MODULATION_HZ: f64 = 2.0;
-/// Turns of such a swing over the record, at most. Cost.
+/// Largest number of cycles of such a modulation over the record. Cost.
 pub(crate) const MAX_MODULATION_TURNS: usize = 64;
 /// Thresholds of the switch, as shares of a state's largest magnitude. Cost.
 pub(crate) const RELAY_THRESHOLDS: [f64; 5] = [0.02, 0.05, 0.1, 0.2, 0.4];
@@ -269,27 +277,28 @@ pub(crate) const RELAY_PARAMETERS: usize = 2;
 pub(crate) const BASES_REFITTED: usize = 6;
 /// Bases that are looked at in all score tests. Cost.
 pub(crate) const BASES_SORTED: usize = 16;
-/// A force that follows a signal tells below this probability of chance, of all looks together. Calibrated.
+/// A force that follows a signal is significant below this probability of chance, over all tests. Calibrated.
 pub(crate) const FORCE_P_VALUE: f64 = 1e-5;
-/// A channel is louder than its sensor from this many times the declared noise on. Calibrated.
+/// Ratio to the declared noise from which a channel's error exceeds that of its sensor. Calibrated.
 pub(crate) const LOUD_RATIO: f64 = 1.6;
-/// A single cause is compared with forces that follow a signal when chance leaves as much as it does so rarely.
-/// Calibrated.
+/// A single cause is compared with forces that follow a signal when the probability of its residual by chance
+/// is below this. Calibrated.
 pub(crate) const RIVAL_FORCE_P_VALUE: f64 = 0.15;
-/// Gain in BIC below which turbulence is not thought of. Kass and Raftery (1995): very strong evidence.
+/// Smallest gain in BIC with which turbulence is considered. Kass and Raftery (1995): very strong evidence.
 pub(crate) const MIN_TURBULENCE_BIC: f64 = 10.0;
 /// Largest relative standard errors of size and bandwidth with which turbulence is named. As the largest relative
 /// error of an effect; a bandwidth within a factor of e.
 pub(crate) const MAX_TURBULENCE_ERRORS: (f64, f64) = (0.3, 1.0);
-/// A slower motion than this many periods in the record is a drift rather than turbulence. Fewer periods than two
-/// are a drift: no spectrum can be told from one period.
+/// Fewest periods of a motion in the record: a slower motion is a drift rather than turbulence, as no
+/// spectrum can be told from one period.
 pub(crate) const MIN_PERIODS: f64 = 2.0;
-/// Of slow turbulence a short record shows what it adds up to, as it does of a short pulse; how large and how slow
-/// it is go together. From this gain on that is enough, if it may be fast enough. Calibrated.
+/// Gain in BIC from which slow turbulence is named by its best-determined combination, if it may be fast
+/// enough: a short record determines neither its size nor its bandwidth alone, as for a short pulse.
+/// Calibrated.
 pub(crate) const SLOW_TURBULENCE_BIC: f64 = 50.0;
-/// The largest standard error of its bandwidth's logarithm. Calibrated.
+/// Largest standard error of the logarithm of slow turbulence's bandwidth. Calibrated.
 pub(crate) const SLOW_TURBULENCE_ERROR: f64 = 1.5;
-/// Share of rows that must have all channels. Calibrated.
+/// Smallest share of rows with all channels. Calibrated.
 pub(crate) const COMPLETE_ROWS_SHARE: f64 = 0.7;
 /// Limits of Fisher scoring on Whittle's likelihood: it ends where a step gains a hundredth, far below one standard error
 /// of a log-likelihood ratio (Wilks 1938). Cost.
@@ -297,89 +306,89 @@ pub(crate) const SCORING_LIMITS: Limits =
     Limits { iterations: 60, tolerance: 1e-3, gain: 1e-2, trials: MAX_DAMPED_STEPS };
 /// States whose fit is refined by the exact likelihood: the best of Whittle's. Cost.
 pub(crate) const TURBULENCE_STATES_REFINED: usize = 3;
-/// A gain in BIC by Whittle's likelihood below which the exact one is not asked. Cost.
+/// Gain in BIC by Whittle's likelihood below which the exact one is not computed. Cost.
 pub(crate) const UNLIKELY_TURBULENCE_BIC: f64 = -30.0;
-/// A residual this many times the noise is far above it. Calibrated.
+/// Ratio of a residual to the noise from which it is far above it. Calibrated.
 pub(crate) const FAR_ABOVE_NOISE: f64 = 2.5;
-/// Shares of a standard deviation at which a turbulence is tried; the last is as good as none. Cost.
+/// Shares of a standard deviation at which turbulence is tried; the last is practically zero. Cost.
 pub(crate) const TURBULENCE_SIZE_SHARES: [f64; 4] = [1.0, 0.3, 0.1, 1e-3];
-/// Gain in the logarithm of the likelihood below which no climb is begun: an eighth of what the least turbulence
-/// that is named has in the end. Cost.
+/// Gain in the log-likelihood below which no climb is begun: an eighth of the final gain of the smallest
+/// turbulence named. Cost.
 pub(crate) const CLIMB_PROMISE: f64 = 2.0;
-/// Partial correlations of a noise that are tried: equally spaced in the inverse hyperbolic tangent, in which their
-/// estimates have one variance (Fisher 1921). Cost.
+/// Partial correlations of a noise that are tried: equally spaced in the inverse hyperbolic tangent, in which
+/// their estimates have one variance (Fisher 1921). Cost.
 pub(crate) const PARTIAL_CORRELATION_STARTS: [f64; 5] = [0.0, 0.635, 0.905, -0.635, -0.905];
 /// Frequencies of a resonant noise that are tried, as shares of half the sampling rate. Cost.
 pub(crate) const RESONANT_STARTS: [f64; 5] = [0.16, 0.32, 0.5, 0.66, 0.84];
 /// Starts of an untrusted spectrum that are followed. Cost.
 pub(crate) const STARTS_CLIMBED: usize = 2;
-/// Bandwidths from which the likelihood may be climbed, equally spaced in their logarithm over what the record shows.
-/// Cost.
+/// Number of bandwidths from which the likelihood may be climbed, equally spaced in their logarithm over the
+/// record's range. Cost.
 pub(crate) const BANDWIDTH_STARTS: usize = 5;
-/// Sizes from which the likelihood may be climbed, as shares. Cost.
+/// Size ratios from which the likelihood may be climbed. Cost.
 pub(crate) const SIZE_STARTS: [f64; 3] = [0.4, 1.0, 2.5];
-/// Noise is named from this many times the declared on. The definition of `noise` as a cause.
+/// Noise is named from this ratio to the declared noise on. The definition of `noise` as a cause.
 pub(crate) const EXCESS_NOISE_RATIO: f64 = 2.0;
-/// Choices of causes, each under the turbulence that the last left. Cost.
+/// Selections of causes, each under the turbulence of the last. Cost.
 pub(crate) const TURBULENCE_PASSES: usize = 2;
-/// Sizes that differ by less are the same. Calibrated.
+/// Ratio below which two sizes of turbulence are the same. Calibrated.
 pub(crate) const SETTLED_SIZE_RATIO: f64 = 1.3;
-/// A turbulence that grows with a command, by so many standard deviations of chance, is none. Two-sided Gaussian
-/// tail of 5e-4.
+/// Correlation of turbulence with a command, in standard deviations of chance, from which it is not
+/// turbulence. Two-sided Gaussian tail of 5e-4.
 pub(crate) const RELATED_SIGMAS: f64 = 3.5;
-/// A force that follows a signal has a few values, turbulence one a step: where the few gain so large a share of
-/// what turbulence does, it follows the signal. Calibrated.
+/// Share of turbulence's gain from which a force that follows a signal replaces it: the force has few
+/// parameters, turbulence one value per step. Calibrated.
 pub(crate) const FORCE_SHARE_OF_TURBULENCE: f64 = 0.5;
-/// Shifts in time that show what chance does. Cost.
+/// Number of circular shifts that estimate the distribution by chance. Cost.
 pub(crate) const CIRCULAR_SHIFTS: usize = 200;
-/// Reach of a line to either side, as a share of the sampling rate. Calibrated.
+/// Half width of a spectral line, as a share of the sampling rate. Calibrated.
 pub(crate) const LINE_REACH: f64 = 0.006;
-/// Reach of a line's surroundings to either side, as a share of the sampling rate. Calibrated.
+/// Half width of a line's surroundings, as a share of the sampling rate. Calibrated.
 pub(crate) const SURROUNDINGS_REACH: f64 = 0.03;
-/// An envelope is steadier than noise's from so many standard deviations on. One-sided Gaussian tail of 1e-3.
+/// Standard deviations by which an envelope is steadier than that of noise. One-sided Gaussian tail of 1e-3.
 pub(crate) const STEADY_SIGMAS: f64 = 3.1;
-/// Height over the floor. Calibrated.
+/// Smallest ratio of a line to the floor. Calibrated.
 pub(crate) const LINE_HEIGHT: f64 = 15.0;
-/// Share of the residual's power from which on a line is named. Calibrated.
+/// Smallest share of the residual's power of a line that is named. Calibrated.
 pub(crate) const LINE_RESIDUAL_SHARE: f64 = 0.005;
-/// How much faster than the vehicle's fastest own motion it must be: slower lines may be limit cycles. Calibrated.
+/// Smallest ratio of a line's frequency to the vehicle's fastest pole: slower lines may be limit cycles.
+/// Calibrated.
 pub(crate) const ABOVE_VEHICLE_RATIO: f64 = 5.0;
 /// Lines of a channel that are looked at. Cost.
 pub(crate) const LINES_EXAMINED: usize = 3;
-/// Lines of two channels that are nearer, as a share, are the same vibration. Calibrated.
+/// Relative difference in frequency below which lines of two channels are the same vibration. Calibrated.
 pub(crate) const SAME_LINE_SHARE: f64 = 0.02;
 
 // answer: what is said and shown
-/// A value that is nearer to an end of its range, as a share of it, is at that end: its optimum lies beyond (Self and Liang
-/// 1987). Rounding of the last step of a fit.
+/// Relative distance to an end of its range within which a value is at that end: its optimum lies beyond
+/// (Self and Liang 1987). Rounding of the last step of a fit.
 pub(crate) const AT_LIMIT_SHARE: f64 = 1e-3;
-/// Causes that leave less than this share of what was wrong explain it. The definition of `explained`.
+/// Share of the model error below which causes explain it. The definition of `explained`.
 pub(crate) const EXPLAINED_SHARE: f64 = 0.1;
-/// Rejected effects that are told. Length of a list.
+/// Number of rejected effects reported. Length of a list.
 pub(crate) const REJECTED_TOLD: usize = 12;
-/// Correlation with an input's past that is no chance. Calibrated.
+/// Smallest significant correlation with an input's past. Calibrated.
 pub(crate) const COHERENT_CORRELATION: f64 = 0.15;
-/// Up to so many times its declared power a residual is noise, not something left to explain: `noise` as a cause
-/// means more than twice the declared standard deviation. The definition of `noise` as a cause: twice the standard
-/// deviation.
+/// Ratio of a residual's power to its declared noise up to which it is noise and not unexplained: the
+/// definition of `noise` as a cause, twice the declared standard deviation.
 pub(crate) const NOISE_POWER_RATIO: f64 = 4.0;
 /// The last part of a record, as a share, is held out. Definition: two thirds for estimation, one
 /// for validation.
 pub(crate) const HELD_OUT_SHARE: f64 = 1.0 / 3.0;
-/// How far a rotor's speed may differ between flight and ground, as a share. Calibrated.
+/// Largest relative difference of a rotor's speed between flight and ground. Calibrated.
 pub(crate) const ROTOR_SPEED_SHARE: f64 = 0.1;
-/// A tone stands out of its surroundings by this factor in amplitude. The median of Rayleigh amplitudes exceeds
-/// four times itself with 1.5e-5.
+/// Smallest ratio of a tone's amplitude to its surroundings. The median of Rayleigh amplitudes exceeds four
+/// times itself with 1.5e-5.
 pub(crate) const LINE_AMPLITUDE_RATIO: f64 = 4.0;
-/// Rounds of Riccati's recursion before it is taken as settled. Cost.
+/// Rounds of the Riccati recursion after which it is taken as settled. Cost.
 pub(crate) const RICCATI_ROUNDS: usize = 1500;
-/// Steps over which the response to the unknown is looked at, to get its scale. Cost.
+/// Steps of the response to the unknown from which its scale is estimated. Cost.
 pub(crate) const RESPONSE_STEPS: usize = 10;
-/// Rejected candidates that are shown beside the accepted ones. Length of a list.
+/// Number of rejected candidates plotted beside the accepted ones. Length of a list.
 pub(crate) const REJECTED_SHOWN: usize = 2;
 /// Buckets of a histogram. Size of a plot.
 pub(crate) const HISTOGRAM_BUCKETS: usize = 60;
-/// Samples of a record that are shown about those that went wrong. Size of a plot.
+/// Number of samples plotted around faulty ones. Size of a plot.
 pub(crate) const SAMPLES_SHOWN: usize = 400;
 /// Points of a cloud. Size of a plot.
 pub(crate) const CLOUD_POINTS: usize = 1200;
@@ -387,6 +396,5 @@ pub(crate) const CLOUD_POINTS: usize = 1200;
 pub(crate) const AXIS_PARTS: usize = 28;
 /// Lags of a step response. Size of a plot.
 pub(crate) const STEP_RESPONSE_LAGS: usize = 40;
-/// Standard deviation of how much the arrived share moves from one lag to the next, before the record is asked.
-/// Calibrated.
+/// Prior standard deviation of the change of a step response from one lag to the next. Calibrated.
 pub(crate) const STEP_RESPONSE_MOVES: f64 = 0.3;

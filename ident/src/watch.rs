@@ -1,4 +1,4 @@
-//! Who waits for a search: is told what it is doing, and may end it with what is known by then.
+//! Progress reports and early termination of a search.
 
 use std::fmt;
 use std::ops::ControlFlow;
@@ -6,21 +6,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
-/// What a search is doing.
+/// Progress of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stage<'a> {
-    /// In words.
+    /// Description of the current stage.
     pub what: &'a str,
-    /// How far it has come, in words; empty where there is nothing to say.
+    /// Detailed progress as text; empty where there is none.
     pub detail: &'a str,
-    /// How much of it is done, 0 to 1, where that is known.
+    /// Share of the stage that is done, 0 to 1, where known.
     pub share: Option<f64>,
 }
 
-/// Hears what a search is doing.
+/// Callback that receives the progress.
 type Listener = Arc<dyn Fn(Stage<'_>) + Send + Sync>;
 
-/// A listener, and what ends the search: a switch, or a time. The default hears nothing and never ends it.
+/// A progress listener, and a condition that ends the search: a switch or a deadline. The default has
+/// neither.
 #[derive(Clone, Default)]
 pub struct Watch {
     stop: Arc<AtomicBool>,
@@ -29,33 +30,33 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// `stop` ends the search with what is known as soon as it is true; the listener is told each step of it.
+    /// The search ends with its results so far as soon as `stop` is true; the listener receives the progress.
     pub fn new(stop: Arc<AtomicBool>, listener: impl Fn(Stage<'_>) + Send + Sync + 'static) -> Self {
         Self { stop, deadline: None, listener: Some(Arc::new(listener)) }
     }
 
-    /// The same, which ends the search at a time as well.
+    /// The same watch, with a deadline as well.
     pub fn until(self, deadline: Instant) -> Self {
         Self { deadline: Some(deadline), ..self }
     }
 
-    /// True once the search is to end.
+    /// True when the search must end.
     pub fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|at| Instant::now() >= at)
     }
 
-    /// Tells the listener what comes next.
+    /// Reports the next stage to the listener.
     pub fn tell(&self, what: &str) {
         self.hear(what, "", None);
     }
 
-    /// Tells the listener what comes next, in so many steps.
+    /// Reports the next stage to the listener, with its number of steps.
     pub fn count(&self, what: String, steps: usize) -> Counter<'_> {
         self.hear(&what, "", Some(0.0));
         Counter { watch: self, what, steps, done: AtomicUsize::new(0) }
     }
 
-    /// Tells the listener how far a search has come, as `detail` has it, and whether it is to go on.
+    /// Reports the progress with `detail` as text; the result says whether to continue.
     pub fn step(&self, what: &str, detail: impl FnOnce() -> String, share: Option<f64>) -> ControlFlow<()> {
         if self.listener.is_some() {
             self.hear(what, &detail(), share);
@@ -70,10 +71,10 @@ impl Watch {
     }
 }
 
-/// Counts the steps of a stage, from any thread.
+/// Counts the steps of a stage; usable from any thread.
 #[derive(Debug)]
 pub struct Counter<'w> {
-    /// Whom it tells.
+    /// Watch that receives the progress.
     pub watch: &'w Watch,
     what: String,
     steps: usize,
@@ -81,7 +82,7 @@ pub struct Counter<'w> {
 }
 
 impl Counter<'_> {
-    /// One step is done.
+    /// Counts one completed step.
     pub fn step(&self) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         self.watch.hear(&self.what, "", Some(done as f64 / self.steps.max(1) as f64));

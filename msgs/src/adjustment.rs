@@ -1,91 +1,92 @@
-//! What is asked for from outside while a bench flies, and what became of it.
+//! Requests from outside while a bench flies, and their verdicts.
 
 use crate::MAX_INPUTS;
 use crate::define::message;
 
 message! {
-    /// A change in flight: asked for on topic `adjust`, answered on this message's own topic by the node whose business it
-    /// is. In an answer `head` is the step from which it is in force, or at which it was refused.
+    /// A request for a change in flight, published on topic `adjust`; the responsible node answers on this
+    /// message's own topic. In an answer `head` is the step from which the change is in force, or at which it
+    /// was refused.
     Adjustment on "adjusted" {
-        /// Number of the request, of the asker's choice; the answer repeats it. The same request once more is answered once
-        /// more and not done again.
+        /// Number of the request, chosen by the sender; the answer repeats it. A repeated request is answered
+        /// again but not executed again.
         id: u64 => "uint64",
         /// The new value, SI: of the state's derivative for a gust, of the state for a setpoint, a factor for the gain, 0
         /// (off), 1 (on, on the ground) or 2 (flying) for the engine, 0 (off) or 1 (on) for an effect, 1 (taken over) or 0 (given
         /// back) for the stick; for the end of the run 0.
         value: f64 => "float64",
-        /// How long a gust acts, ns of bench time; for the others 0.
+        /// Duration of a gust, ns of bench time; 0 for the others.
         length_ns: u64 => "uint64",
-        /// An [`AdjustmentKind`].
+        /// Kind of change, an [`AdjustmentKind`].
         what: u32 => "uint32",
-        /// Which state, in the vehicle's order, of a gust or a setpoint, or which effect, those of the vehicle file first and
-        /// then those of the launch file, from 0; for the others 0.
+        /// Index of the state of a gust or a setpoint in the vehicle's order, or of the effect (those of the
+        /// vehicle file first, then those of the launch file), from 0; 0 for the others.
         index: u32 => "uint32",
-        /// An [`AdjustmentVerdict`].
+        /// Verdict, an [`AdjustmentVerdict`].
         verdict: u32 => "uint32",
-        /// Zero.
+        /// Always zero.
         reserved: u32 => "uint32",
     }
 }
 
 message! {
-    /// The stick in the hand of somebody outside, who has taken it over with an [`Adjustment`]: it flies in the place of the
-    /// law. Who says nothing for half a second of bench time gives it back.
+    /// Inputs of a manual controller outside the loop that has taken over with an [`Adjustment`] and replaces
+    /// the law. Silence for half a second of bench time gives control back to the law.
     Stick on "stick" {
-        /// The inputs, in the vehicle's order, SI; unused ones are zero.
+        /// Inputs in the vehicle's order, SI; unused ones are zero.
         u: f64[MAX_INPUTS] => "float64[8]",
-        /// Number of the request with which it was taken over: what comes from others is not obeyed.
+        /// Number of the request that took over; messages with another number are ignored.
         id: u64 => "uint64",
     }
 }
 
-/// What is adjusted, as a number in [`Adjustment::what`].
+/// Kind of a change, as a number in [`Adjustment::what`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum AdjustmentKind {
-    /// The plant: a push on a state for some time, added to all others.
+    /// Plant: a force on a state for some time, in addition to all others.
     Gust = 1,
-    /// The plant: what the engine does.
+    /// Plant: the state of the engine.
     Engine = 2,
-    /// The controller: the reference of a state, in the place of the launch file's from now on.
+    /// Controller: the reference of a state, which replaces that of the launch file from now on.
     Setpoint = 3,
-    /// The controller: a factor on the law's feedback.
+    /// Controller: a factor on the law's feedback.
     Gain = 4,
-    /// The plant: the run ends in order after this step, as if it had been planned so.
+    /// Plant: the run ends normally after this step.
     Stop = 5,
-    /// The plant: an effect that has a window acts, or does not, from now on whatever its window says.
+    /// Plant: an effect with a window is switched on or off, overriding its window from now on.
     Effect = 6,
-    /// The controller: the stick is in the hand of whoever asks, or the law flies again. Also said without being asked, when
-    /// the hand has been silent for too long; `id` is then that of the request with which it was taken over.
+    /// Controller: the stick is taken over by the sender, or given back to the law. Also sent unasked when
+    /// the stick has been silent for too long; `id` is then that of the request that took over.
     Stick = 7,
 }
 
-/// What became of a request, as a number in [`Adjustment::verdict`].
+/// Verdict on a request, as a number in [`Adjustment::verdict`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum AdjustmentVerdict {
-    /// It is a request.
+    /// The message is a request.
     Asked = 0,
-    /// It is in force.
+    /// The change is in force.
     Done = 1,
-    /// The launch file does not open the node to the outside.
+    /// The launch file does not allow requests to this node.
     Closed = 2,
-    /// The value is no number, or not one of those that there are.
+    /// The value is not a number, or not one of the allowed ones.
     Unusable = 3,
-    /// The vehicle has no such state.
+    /// The vehicle has no state with this index.
     NoSuchState = 4,
-    /// The value is beyond what the node allows.
+    /// The value is out of the node's range.
     OutOfRange = 5,
-    /// As many gusts blow as there can be at once, or somebody else has the stick.
+    /// The largest number of simultaneous gusts is reached, or the stick is taken over by another sender.
     Busy = 6,
-    /// This law has no such thing.
+    /// The law does not support this change.
     NotOfThisLaw = 7,
-    /// The vehicle has no such effect, or it is one without a window.
+    /// The vehicle has no effect with this index, or the effect has no window.
     NoSuchEffect = 8,
 }
 
 impl AdjustmentKind {
-    /// The kind for a number in [`Adjustment::what`]; `None` for one that this version does not know.
+    /// The kind for a number in [`Adjustment::what`]; `None` for an unknown number.
     pub fn from_u32(value: u32) -> Option<Self> {
         let all =
             [Self::Gust, Self::Engine, Self::Setpoint, Self::Gain, Self::Stop, Self::Effect, Self::Stick];
@@ -94,7 +95,7 @@ impl AdjustmentKind {
 }
 
 impl AdjustmentVerdict {
-    /// The verdict for a number in [`Adjustment::verdict`]; `None` for one that this version does not know.
+    /// The verdict for a number in [`Adjustment::verdict`]; `None` for an unknown number.
     pub fn from_u32(value: u32) -> Option<Self> {
         use AdjustmentVerdict::{
             Asked, Busy, Closed, Done, NoSuchEffect, NoSuchState, NotOfThisLaw, OutOfRange, Unusable,

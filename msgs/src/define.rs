@@ -1,10 +1,10 @@
-//! The message trait and the macro that keeps a type, its schema text and its hash in one place.
+//! The message trait, and the macro that keeps a type, its schema text and its hash in one place.
 
 use bytemuck::Pod;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// What an array of a message has an element for.
+/// Signals of the vehicle to which the elements of a message's array belong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Each {
     /// Every state of the vehicle, in its order.
@@ -26,7 +26,7 @@ pub struct Field {
     pub count: usize,
     /// Offset from the start of the message, bytes.
     pub offset: usize,
-    /// What it has an element for, where that is a signal of the vehicle.
+    /// Signals to which the elements belong, if any.
     pub each: Option<Each>,
 }
 
@@ -38,7 +38,7 @@ pub trait Message:
     const TOPIC: &'static str;
     /// Type name, for example `whirlstand/msg/Imu`.
     const TYPE_NAME: &'static str;
-    /// Layout in ROS 2 message syntax, self-contained.
+    /// Layout in ROS 2 message syntax, including nested types.
     const SCHEMA: &'static str;
     /// Fields in memory order, without gaps.
     const FIELDS: &'static [Field];
@@ -53,14 +53,14 @@ pub trait Message:
         bytemuck::Zeroable::zeroed()
     }
 
-    /// Sequence numbers and times of this message.
+    /// Sequence number, step and time of this message.
     fn head(&self) -> &crate::Head;
 
     /// Mutable access to [`Self::head`].
     fn head_mut(&mut self) -> &mut crate::Head;
 
-    /// Name of the node that the message says it is from; `None` for a type that does not say. A transport that knows
-    /// who sent a message refuses one that speaks for somebody else.
+    /// Name of the node from which the message claims to be; `None` for a type without a sender. A transport
+    /// that knows the true sender refuses a message with another name.
     fn speaker(&self) -> Option<&str> {
         None
     }

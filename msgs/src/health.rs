@@ -8,7 +8,7 @@ pub const LATENCY_BUCKETS: usize = 32;
 /// Upper edge of bucket 0 of the latency histogram, ns.
 const FIRST_EDGE_NS: f64 = 500.0;
 
-/// Upper edges of all buckets but the open one: a table, because a node looks one up in every step.
+/// Upper edges of all buckets but the last, open one: a table, because a node needs one in every step.
 const UPPER_EDGES_NS: [f64; LATENCY_BUCKETS - 1] = {
     let mut edges = [0.0; LATENCY_BUCKETS - 1];
     let mut i = 0;
@@ -23,36 +23,36 @@ const UPPER_EDGES_NS: [f64; LATENCY_BUCKETS - 1] = {
 message! {
     /// Health of one node. `head.step` is the last step done, `head.stamp_ns` wall-clock time since the Unix epoch.
     Health on "health" from node_name {
-        /// Steps done since the node started.
+        /// Number of steps done since the node started.
         steps: u64 => "uint64",
-        /// Steps whose answer came too late, or not at all.
+        /// Number of steps with a late or missing answer.
         deadline_misses: u64 => "uint64",
-        /// Messages lost on the way to this node, from gaps in sequence numbers.
+        /// Number of messages lost on the way to this node, from gaps in sequence numbers.
         lost: u64 => "uint64",
-        /// Messages refused: not finite, stale, repeated, out of range.
+        /// Number of messages refused: not finite, stale, repeated, out of range.
         rejected: u64 => "uint64",
-        /// Greatest latency since the node started, ns.
+        /// Largest latency since the node started, ns.
         latency_max_ns: u64 => "uint64",
         /// Latency histogram since the node started; see [`latency_bucket`]. The plant counts from publishing
         /// `Imu` to receiving its `Command`, the other nodes from receiving to answering.
         latency: u32[LATENCY_BUCKETS] => "uint32[32]",
         /// Operating-system process number.
         pid: u32 => "uint32",
-        /// A [`NodeState`].
+        /// State of the node, a [`NodeState`].
         state: u32 => "uint32",
-        /// Node name, UTF-8, filled up with zeros.
+        /// Name of the node, UTF-8, padded with zeros.
         node: u8[32] => "uint8[32]",
     }
 }
 
 impl Health {
-    /// The node's name.
+    /// Name of the node.
     pub fn node_name(&self) -> &str {
         let end = self.node.iter().position(|&b| b == 0).unwrap_or(self.node.len());
         std::str::from_utf8(&self.node[..end]).unwrap_or("")
     }
 
-    /// Sets the node's name, cut to fit at a character boundary.
+    /// Sets the node's name, truncated at a character boundary.
     pub fn set_node_name(&mut self, name: &str) {
         self.node = [0; 32];
         let mut end = name.len().min(self.node.len());
@@ -78,7 +78,7 @@ pub enum NodeState {
 }
 
 impl NodeState {
-    /// The state for a number in [`Health::state`]; `None` for one that this version does not know.
+    /// The state for a number in [`Health::state`]; `None` for an unknown number.
     pub fn from_u32(value: u32) -> Option<Self> {
         [Self::Starting, Self::Running, Self::Failsafe, Self::Stopping]
             .into_iter()

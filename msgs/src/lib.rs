@@ -1,4 +1,4 @@
-//! What travels on a Whirlstand bench: message types, units and wire layout, and what mistyped names were meant to be.
+//! Messages of a Whirlstand bench: message types, units and wire layout, and suggestions for mistyped names.
 //! No logic, no I/O.
 //!
 //! Every message is `repr(C)`, of fixed size and without padding (checked at compile time by
@@ -37,13 +37,13 @@ pub use types::{
 };
 pub use wire::{DecodeError, SCHEMA_HASH_BYTES, decode, encode};
 
-/// Largest number of states a vehicle can have on the bus (a vehicle file alone has no limit). Messages have a fixed
-/// size, and what no vehicle uses is copied, sent and recorded at every step all the same: twice as many would double
-/// a step's bytes and those of its log.
+/// Largest number of states of a vehicle on the bus (a vehicle file alone has no limit). Messages have a
+/// fixed size, and unused elements are copied, sent and recorded at every step too: twice as many would
+/// double a step's bytes and those of its log.
 pub const MAX_STATES: usize = 16;
-/// Largest number of inputs a vehicle can have on the bus.
+/// Largest number of inputs of a vehicle on the bus.
 pub const MAX_INPUTS: usize = 8;
-/// Largest number of outputs a vehicle can have on the bus.
+/// Largest number of outputs of a vehicle on the bus.
 pub const MAX_OUTPUTS: usize = 32;
-/// Version of the message set; part of every schema hash, so that two versions never talk past each other.
+/// Version of the message set; part of every schema hash, so that different versions are detected.
 pub const VERSION: u32 = 2;

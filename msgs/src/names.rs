@@ -1,16 +1,16 @@
-//! Names that users type: which known one a mistyped one was meant to be, in one wording for the whole program.
+//! Suggestions for mistyped names, in one wording for the whole program.
 
-/// Least likeness of a name that is offered: at least half of the letters stand where they should.
+/// Smallest similarity of a suggested name: at least half of the letters match.
 const LEAST_LIKENESS: f64 = 0.5;
 
-/// A name of fewer letters than this says nothing by standing inside another.
+/// Shortest name that counts as similar by being part of another.
 const LEAST_PART: usize = 3;
 
-/// The known name that is most like `wanted`, when one is like it at all; of equals the first.
+/// The known name most similar to `wanted`, if any is similar; the first of equal ones.
 ///
-/// Likeness is the share of letters that need no edit (Damerau and Levenshtein's distance, letter case aside) of the
-/// whole name or of the last part of a path such as `/imu.roll`; a name that contains the other is like it, the more so
-/// the less it adds.
+/// Similarity is the share of letters that need no edit (Damerau-Levenshtein distance, ignoring case) of the
+/// whole name or of the last part of a path such as `/imu.roll`; a name that contains the other is similar,
+/// and more so the less it adds.
 pub fn nearest<'n>(wanted: &str, known: impl IntoIterator<Item = &'n str>) -> Option<&'n str> {
     let wanted = wanted.to_lowercase();
     let mut best = None;
@@ -23,7 +23,7 @@ pub fn nearest<'n>(wanted: &str, known: impl IntoIterator<Item = &'n str>) -> Op
     best.map(|(_, name)| name)
 }
 
-/// ` (did you mean 'x'?)`, to stand behind the name that is not known; nothing when no known name is like it.
+/// Suggestion ` (did you mean 'x'?)`, to follow an unknown name; empty when no known name is similar.
 pub fn did_you_mean<'n>(wanted: &str, known: impl IntoIterator<Item = &'n str>) -> String {
     nearest(wanted, known).map_or(String::new(), |name| format!(" (did you mean '{name}'?)"))
 }

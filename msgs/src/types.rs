@@ -15,40 +15,40 @@ pub mod valid {
 pub mod flags {
     /// The estimator has converged from its start.
     pub const CONVERGED: u32 = 1;
-    /// At least one input stands at its limit.
+    /// At least one input is at its limit.
     pub const SATURATED: u32 = 2;
     /// The plant applies its failsafe instead of commands.
     pub const FAILSAFE: u32 = 4;
-    /// The command of the step before did not arrive in time, or was not usable; the last one is held.
+    /// The command of the previous step did not arrive in time, or was not usable; the last one is held.
     pub const HELD: u32 = 8;
-    /// Open loop: the stick passes through, the law is not in charge.
+    /// Open loop: the stick passes through, without a law.
     pub const MANUAL: u32 = 16;
-    /// A controller that lives and has no usable command for this step; `count` is zero. A plant in lockstep, which
-    /// would wait for a command, counts a miss.
+    /// The controller is alive but has no usable command for this step; `count` is zero. A plant in lockstep,
+    /// which would wait for a command, counts a miss.
     pub const WITHHELD: u32 = 32;
-    /// The command is of a law that took the place of the first one in flight.
+    /// The command is from a law that replaced the first one in flight.
     pub const SUCCEEDED: u32 = 64;
 }
 
-/// Values of `in_charge` in [`Sent`]: whose will the outputs of a bridge to a vehicle follow.
+/// Values of `in_charge` in [`Sent`]: the source that controls the outputs of a bridge to a vehicle.
 pub mod charge {
-    /// Nobody's: outputs at neutral.
+    /// No source: outputs are neutral.
     pub const NOBODY: u32 = 0;
-    /// The pilot's.
+    /// The pilot.
     pub const PILOT: u32 = 1;
-    /// The controller's.
+    /// The controller.
     pub const CONTROLLER: u32 = 2;
-    /// Nobody's any more: something broke in flight.
+    /// No source after a failure in flight.
     pub const FAILSAFE: u32 = 3;
 }
 
 /// Values of `armed` in [`Sent`] and [`Autopilot`].
 pub mod armed {
-    /// It says that it is not armed.
+    /// The vehicle reports that it is not armed.
     pub const NO: u32 = 0;
-    /// It says that it is armed.
+    /// The vehicle reports that it is armed.
     pub const YES: u32 = 1;
-    /// It does not say.
+    /// The vehicle does not report it.
     pub const UNKNOWN: u32 = 2;
 }
 
@@ -92,24 +92,24 @@ message! {
         vertical_speed: f64 => "float64",
         /// Fresh groups: [`valid::FIRST`] positions, [`valid::SECOND`] speeds. A stale group repeats its last value.
         valid: u32 => "uint32",
-        /// Zero.
+        /// Always zero.
         reserved: u32 => "uint32",
     }
 }
 
 message! {
-    /// Outputs of the vehicle that neither [`Imu`] nor [`Odometry`] has a field for, as the sensors report them.
+    /// Outputs of the vehicle without a field in [`Imu`] or [`Odometry`], as the sensors report them.
     Outputs on "outputs" {
         /// Measured outputs, SI units: output i of the vehicle file is `y[i]`. Those that another message carries are
         /// zero. A stale one repeats its last value.
         y: f64[MAX_OUTPUTS] => "float64[32]",
-        /// Bit i: `y[i]` is fresh.
+        /// Validity: bit i means that `y[i]` is fresh.
         valid: u64 => "uint64",
     }
 }
 
 message! {
-    /// What the estimator believes at step k, after the measurements of step k.
+    /// Estimate of the estimator at step k, after the measurements of step k.
     Estimate on "estimate" {
         /// Estimated states in the vehicle's order, SI units; unused ones are zero.
         x: f64[MAX_STATES] => "float64[16]",
@@ -123,39 +123,39 @@ message! {
         dof: u32 => "uint32",
         /// Number of states in use.
         count: u32 => "uint32",
-        /// [`flags`].
+        /// State of the estimator, [`flags`].
         flags: u32 => "uint32",
-        /// Zero.
+        /// Always zero.
         reserved: u32 => "uint32",
     }
 }
 
 message! {
-    /// What the controller asks of the inputs; the plant applies it over `[t_k+1, t_k+2)`.
+    /// Inputs commanded by the controller; the plant applies them over `[t_k+1, t_k+2)`.
     Command on "command" {
         /// Inputs in the vehicle's order, dimensionless; unused ones are zero.
         u: f64[MAX_INPUTS] => "float64[8]",
         /// Number of inputs in use.
         count: u32 => "uint32",
-        /// [`flags`].
+        /// State of the controller, [`flags`].
         flags: u32 => "uint32",
     }
 }
 
 message! {
-    /// What the controller tracks at this step, or receives from a pilot or planner.
+    /// Reference of the controller at this step, or a reference from a pilot or planner.
     Setpoint on "setpoint" {
-        /// Wanted states in the vehicle's order, SI units.
+        /// Reference of the states in the vehicle's order, SI units.
         x: f64[MAX_STATES] => "float64[16]",
         /// Stick deflection in the order of the inputs, for open-loop flight.
         stick: f64[MAX_INPUTS] => "float64[8]",
-        /// Bit i: state i is tracked.
+        /// Tracked states: bit i means that state i is tracked.
         tracked: u64 => "uint64",
     }
 }
 
 message! {
-    /// What the simulated vehicle really does at step k; no real vehicle publishes this.
+    /// True states and inputs of the simulated vehicle at step k; a real vehicle does not publish this.
     Truth on "truth" {
         /// States in the vehicle's order, SI units.
         x: f64[MAX_STATES] => "float64[16]",
@@ -165,79 +165,83 @@ message! {
         states: u32 => "uint32",
         /// Number of inputs in use.
         inputs: u32 => "uint32",
-        /// [`flags`].
+        /// State of the plant, [`flags`].
         flags: u32 => "uint32",
-        /// Zero.
+        /// Always zero.
         reserved: u32 => "uint32",
     }
 }
 
 message! {
-    /// A disturbance: what is added to the derivative of each state from this step on.
+    /// Disturbance of the derivative of each state from this step on.
     Disturbance on "disturbance" {
         /// Added to the derivative of each state, SI units per second.
         dx: f64[MAX_STATES] => "float64[16]",
         /// Number of states in use.
         count: u32 => "uint32",
-        /// Zero.
+        /// Always zero.
         reserved: u32 => "uint32",
     }
 }
 
 message! {
-    /// What a bridge sent to a real vehicle last before step k, behind limits and rates, and whose will that was: it acts
-    /// over `[t_k, t_k+1)`.
+    /// Last output of a bridge to a real vehicle before step k, after limits and rates, with its source; it
+    /// acts over `[t_k, t_k+1)`.
     Sent on "sent" {
-        /// The channels, us; NaN for those that are not in use or were handed over.
+        /// Channels, us; NaN for those that are unused or handed over.
         channels: f64[16] => "float64[16]",
         /// The inputs that the channels stand for, in the vehicle's order; unused ones are zero.
         u: f64[MAX_INPUTS] => "float64[8]",
-        /// The pilot's channels, us; NaN while he is not heard.
+        /// The pilot's channels, us; NaN while the pilot's receiver is silent.
         stick: f64[16] => "float64[16]",
-        /// Packets that reach the vehicle by its own word, 0 to 1; NaN where the link does not say.
+        /// Share of packets that reach the vehicle, as it reports, 0 to 1; NaN where the link does not report
+        /// it.
         link_quality: f64 => "float64",
         /// Messages sent since the bridge started.
         messages: u64 => "uint64",
         /// Number of inputs in use.
         count: u32 => "uint32",
-        /// [`charge`].
+        /// Source of the outputs, [`charge`].
         in_charge: u32 => "uint32",
-        /// [`armed`].
+        /// Whether the vehicle is armed, [`armed`].
         armed: u32 => "uint32",
-        /// Why nobody is in charge, as the bridge's document numbers it; 0 for no reason.
+        /// Reason why no source is in charge, as numbered in the bridge's document; 0 for none.
         reason: u32 => "uint32",
     }
 }
 
 message! {
-    /// What was exchanged with an autopilot that flies the bench's vehicle: the sensors of step k, and the outputs that answer
-    /// them.
+    /// Exchange with an autopilot that flies the bench's vehicle: the sensors of step k, and the outputs in
+    /// response.
     Autopilot on "autopilot" {
-        /// Its outputs: 0 to 1 for a motor, -1 to 1 for a servo; NaN for all before the first and when they are too old.
+        /// Outputs of the autopilot: 0 to 1 for a motor, -1 to 1 for a servo; NaN for all before the first
+        /// and when they are too old.
         outputs: f64[32] => "float64[32]",
-        /// The pilot's channels that were sent, us.
+        /// The pilot's channels sent to the autopilot, us.
         rc: f64[16] => "float64[16]",
-        /// Turn rate as sent, rad/s, FRD.
+        /// Turn rate sent to the autopilot, rad/s, FRD.
         gyro: f64[3] => "float64[3]",
-        /// Specific force as sent, m/s^2, FRD.
+        /// Specific force sent to the autopilot, m/s^2, FRD.
         accel: f64[3] => "float64[3]",
-        /// Magnetic field as sent, T, FRD.
+        /// Magnetic field sent to the autopilot, T, FRD.
         mag: f64[3] => "float64[3]",
-        /// Static pressure as sent, Pa.
+        /// Static pressure sent to the autopilot, Pa.
         pressure: f64 => "float64",
-        /// Latitude and longitude of the last fix as sent, degrees, and its height above the sea, m.
+        /// Last position fix sent to the autopilot: latitude and longitude, degrees, and height above the
+        /// sea, m.
         fix: f64[3] => "float64[3]",
-        /// Velocity over ground of the last fix as sent, m/s, NED.
+        /// Velocity over ground of the last fix sent to the autopilot, m/s, NED.
         velocity: f64[3] => "float64[3]",
-        /// [`armed`].
+        /// Whether the autopilot is armed, [`armed`].
         armed: u32 => "uint32",
-        /// Why there is no command: 0 there is one, 1 no outputs or too old ones, 2 they make no number, 3 not armed.
+        /// Reason for a missing command: 0 none is missing, 1 no outputs or too old ones, 2 outputs that are
+        /// not finite, 3 not armed.
         fault: u32 => "uint32",
     }
 }
 
 message! {
-    /// How far the recorder has come; paces a lockstep plant so that no message is lost.
+    /// Progress of the recorder; a lockstep plant waits for it so that no message is lost.
     Progress on "progress" {
         /// Messages written since the recorder started.
         written: u64 => "uint64",

@@ -1,11 +1,11 @@
-//! Bytes for networks: schema hash, then postcard.
+//! Network encoding of messages: schema hash, then postcard.
 
 use crate::Message;
 
 /// Length of the schema hash in front of every encoded message, bytes.
 pub const SCHEMA_HASH_BYTES: usize = 8;
 
-/// Why bytes are not the expected message.
+/// Reason why bytes are not the expected message.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
     /// The peer speaks another version of the message.
@@ -17,17 +17,17 @@ pub enum DecodeError {
         type_name: &'static str,
         /// Hash in this program.
         expected: u64,
-        /// Hash in the bytes.
+        /// Hash in the received bytes.
         found: u64,
     },
-    /// The bytes end early or do not hold the fields.
+    /// The bytes are too short or do not encode the fields.
     #[error("{type_name} cannot be read from {length} bytes: {reason}")]
     Malformed {
         /// Message type.
         type_name: &'static str,
         /// Length of the bytes.
         length: usize,
-        /// What postcard found.
+        /// Error of postcard.
         reason: String,
     },
 }
@@ -37,11 +37,11 @@ pub fn encode<M: Message>(message: &M, out: &mut Vec<u8>) {
     out.clear();
     out.extend_from_slice(&M::SCHEMA_HASH.to_le_bytes());
     let serialised = postcard::to_extend(message, std::mem::take(out));
-    // Serialising fixed-size plain data into a growing vector has no failing case.
+    // Serialising fixed-size plain data into a growing vector cannot fail.
     *out = serialised.unwrap_or_else(|e| unreachable!("postcard into a vector: {e}"));
 }
 
-/// Reads what [`encode`] wrote.
+/// Decodes bytes of [`encode`].
 ///
 /// # Errors
 /// [`DecodeError::Schema`] when the hash differs, [`DecodeError::Malformed`] when the bytes do not fit.

@@ -1,7 +1,7 @@
-//! Where a node takes requests from outside: those that are its business, each once, each answered.
+//! Requests from outside to a node: each is handled once and answered.
 //!
-//! On a bench that is open to them they are looked for at every step; on any other only when the node's health is due, so
-//! that whoever asks learns why nothing happens and the loop pays nothing for it.
+//! On a bench that is open to requests they are read at every step; on any other only when the node's health
+//! is due, so that a sender learns the reason for the refusal without cost for the loop.
 
 use whirlstand_bus::{Bus, Publisher, Subscriber};
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Head, Message};
@@ -10,35 +10,35 @@ use crate::error::NodeError;
 use crate::notices::{Notice, say};
 use crate::ports::receive;
 
-/// Topic on which changes in flight are asked for.
+/// Topic of requests for changes in flight.
 pub const ADJUST_TOPIC: &str = "adjust";
 
-/// Queue for requests.
+/// Queue length for requests.
 const DEPTH: usize = 16;
 
-/// Requests whose answers are kept, because one that was not heard is asked again.
+/// Number of requests whose answers are kept, because an unheard answer leads to a repeated request.
 const KEPT: usize = 16;
 
-/// Requests that are answered in one step; more wait for the next.
+/// Largest number of requests answered in one step; further ones wait for the next.
 pub(crate) const MOST_REQUESTS: usize = 8;
 
-/// The requests to one node.
+/// Receives the requests to one node and answers them.
 pub(crate) struct AdjustmentDesk {
     requests: Subscriber<Adjustment>,
     answers: Publisher<Adjustment>,
     business: &'static [AdjustmentKind],
-    /// Key of the launch file that opens it.
+    /// Key of the launch file that allows requests.
     key: &'static str,
     is_open: bool,
     answered: [Adjustment; KEPT],
     oldest: usize,
-    /// A refusal that the log was not told of yet.
+    /// A refusal that was not logged yet.
     untold: Option<Adjustment>,
     malformed: u64,
 }
 
 impl AdjustmentDesk {
-    /// Joins the two topics.
+    /// Opens the two topics.
     ///
     /// # Errors
     /// The ports cannot be opened.
@@ -71,7 +71,7 @@ impl AdjustmentDesk {
     }
 
     fn receive(&mut self) -> Result<Option<(AdjustmentKind, Adjustment)>, NodeError> {
-        // No more than waits: whoever asks without a pause does not keep the step from being taken.
+        // At most the queue's length: a sender without a pause must not delay the step.
         for _ in 0..DEPTH {
             let Some(request) = receive(&mut self.requests, &mut self.malformed)? else { break };
             let kind = AdjustmentKind::from_u32(request.what).filter(|kind| self.business.contains(kind));
@@ -85,7 +85,7 @@ impl AdjustmentDesk {
         Ok(None)
     }
 
-    /// Says what became of a request, at the step of `head`.
+    /// Answers a request with a verdict, at the step of `head`.
     ///
     /// # Errors
     /// The transport fails.
@@ -104,7 +104,7 @@ impl AdjustmentDesk {
         Ok(self.answers.send(&answer)?)
     }
 
-    /// Says what nobody asked for now, at the step of `head`.
+    /// Publishes a change that was not requested now, at the step of `head`.
     ///
     /// # Errors
     /// The transport fails.
@@ -112,7 +112,7 @@ impl AdjustmentDesk {
         Ok(self.answers.send(&Adjustment { head, ..change })?)
     }
 
-    /// What is done between steps: refuses what came to a bench that is closed, and tells the log of refusals.
+    /// Work between steps: refuses requests on a closed bench, and logs refusals.
     ///
     /// # Errors
     /// The transport fails.
@@ -126,7 +126,7 @@ impl AdjustmentDesk {
         Ok(())
     }
 
-    /// Requests that could not be read. What was asked for and refused is no fault of the bench.
+    /// Number of unreadable requests. Refused requests are no fault of the bench and do not count.
     pub fn malformed(&self) -> u64 {
         self.malformed
     }

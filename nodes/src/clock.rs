@@ -1,8 +1,8 @@
-//! Wall-clock time for what is not the loop itself: reports, latencies, time limits.
+//! Wall-clock time outside the loop: reports, latencies, time limits.
 
 use std::time::Instant;
 
-/// Reads the clock on every call, or only on every so many calls where a step takes less time than a look at
+/// A clock that is read on every call, or only on every n-th call where a step takes less time than reading
 /// the clock.
 #[derive(Debug, Clone)]
 pub struct Clock {
@@ -22,7 +22,7 @@ impl Clock {
         Self { every: every.max(1), left: every.max(1), last: Instant::now() }
     }
 
-    /// Whether every call is exact, so that differences are latencies.
+    /// True when every call reads the clock, so that differences are latencies.
     pub fn is_exact(&self) -> bool {
         self.every == 1
     }
@@ -32,7 +32,7 @@ impl Clock {
         self.last
     }
 
-    /// The present time; for a sampled clock the last reading.
+    /// The current time; for a sampled clock the time of the last reading.
     #[inline]
     pub fn now(&mut self) -> Instant {
         self.left -= 1;

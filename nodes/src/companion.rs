@@ -1,4 +1,4 @@
-//! A message that belongs to a measurement and travels on another topic.
+//! Messages that belong to a measurement but are published on another topic.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::Message;
@@ -6,7 +6,8 @@ use whirlstand_msgs::Message;
 use crate::error::NodeError;
 use crate::ports::receive;
 
-/// The newest message of a topic; where the vehicle has nothing on it, what is asked for is always there.
+/// The newest message of a companion topic; where the vehicle has no such topic, a message is always
+/// available.
 pub(crate) struct Companion<M: Message> {
     subscriber: Option<Subscriber<M>>,
     newest: Option<M>,
@@ -18,7 +19,7 @@ impl<M: Message> Companion<M> {
         Ok(Self { subscriber, newest: None })
     }
 
-    /// Takes in what has come up to a step; what belongs to later steps stays in the queue until it is asked for.
+    /// Receives messages up to a step; those of later steps stay in the queue.
     pub(crate) fn take(&mut self, step: u64, refused: &mut u64) -> Result<(), NodeError> {
         let Some(subscriber) = &mut self.subscriber else { return Ok(()) };
         while self.newest.is_none_or(|m| m.head().step < step) {
@@ -28,12 +29,12 @@ impl<M: Message> Companion<M> {
         Ok(())
     }
 
-    /// Whether the message of a step has come, or will not come any more.
+    /// True when the message of a step has arrived, or will not arrive any more.
     pub(crate) fn has_reached(&self, step: u64) -> bool {
         self.subscriber.is_none() || self.newest.is_some_and(|m| m.head().step >= step)
     }
 
-    /// The message of a step; zero, and so without a fresh value, when there is none.
+    /// The message of a step; all zero, and so without a fresh value, when there is none.
     pub(crate) fn at(&self, step: u64) -> M {
         self.newest.filter(|m| m.head().step == step).unwrap_or_else(Message::zeroed)
     }

@@ -1,7 +1,7 @@
 //! Configuration of the nodes: one [`NodeConfig`] for all nodes of a bench, as JSON.
 //!
-//! The launcher makes it from a launch file and hands every child the same text; a node by hand on another
-//! host reads it from a file. All numbers are SI. Unknown keys are refused.
+//! The launcher derives it from a launch file and passes the same text to every child; a node started by hand
+//! on another host reads it from a file. All numbers are SI. Unknown keys are refused.
 
 use std::collections::BTreeMap;
 
@@ -15,27 +15,28 @@ use whirlstand_vehicle::Effect;
 
 pub use crate::mirror_config::{MirrorConfig, OnFinding};
 
-/// Everything that a node needs to know about its bench.
+/// Configuration of a bench, for all its nodes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NodeConfig {
-    /// Name of the bench; topics live under it.
+    /// Name of the bench, which prefixes its topics.
     pub bench: String,
-    /// How messages travel.
+    /// Transport of the messages.
     #[serde(default = "iceoryx2")]
     pub transport: Transport,
     /// Endpoints and options of Zenoh; unused by the other transports.
     #[serde(default)]
     pub zenoh: ZenohConfig,
-    /// The vehicle file, as text.
+    /// Text of the vehicle file.
     pub vehicle: VehicleSource,
-    /// What law and filter take the vehicle for, as text; absent: the vehicle file. It has the same signals.
+    /// Text of the vehicle file for the design of law and filter; absent: that of the vehicle. It has the
+    /// same signals.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<VehicleSource>,
     /// Effects of the launch file, appended to the vehicle's own; only the plant knows them.
     #[serde(default)]
     pub effects: Vec<Effect>,
-    /// What sets the pace of the loop.
+    /// Pace of the loop.
     pub mode: Mode,
     /// Period of the loop, ns of bench time.
     pub period_ns: u64,
@@ -43,15 +44,15 @@ pub struct NodeConfig {
     pub steps: u64,
     /// Seed of every random stream.
     pub seed: u64,
-    /// Native nodes whose `Health` must be heard before step 0, by role (`estimator`, `controller`, `recorder`).
-    /// A node run by a foreign program is left out: the plant then repeats step 0 until it is answered.
+    /// Native nodes whose `Health` must be received before step 0, by role (`estimator`, `controller`,
+    /// `recorder`). A node run by a foreign program is left out: the plant then repeats step 0 until it is
+    /// answered.
     #[serde(default = "native_peers")]
     pub peers: Vec<Role>,
-    /// How long the plant waits for its peers and for the answer to step 0, s of wall-clock time.
+    /// Longest wait of the plant for its peers and for the answer to step 0, s of wall-clock time.
     #[serde(default = "start_timeout")]
     pub start_timeout_s: f64,
-    /// Publish `Truth`, `Setpoint` and `Disturbance`. The recorder needs them; a run without it is faster
-    /// without them.
+    /// Publish `Truth`, `Setpoint` and `Disturbance`, which the recorder needs; a run without them is faster.
     #[serde(default = "yes")]
     pub telemetry: bool,
     /// Plant options.
@@ -65,7 +66,7 @@ pub struct NodeConfig {
     /// Recorder options; absent: the run keeps no log.
     #[serde(default)]
     pub recorder: Option<RecorderConfig>,
-    /// Options of the mirror; absent: nobody holds the flight against the vehicle file.
+    /// Options of the mirror; absent: the flight is not monitored.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mirror: Option<MirrorConfig>,
     /// Steps of the reference, in time order.
@@ -77,44 +78,44 @@ pub struct NodeConfig {
     /// Operating-system options by role; a role left out runs as an ordinary process.
     #[serde(default)]
     pub realtime: BTreeMap<Role, RealtimeOptions>,
-    /// Real hardware in a node's place.
+    /// Bridge to real hardware that replaces a node.
     #[serde(default)]
     pub bridge: Option<BridgeConfig>,
 }
 
-/// A vehicle file's text and where it came from.
+/// Text and origin of a vehicle file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VehicleSource {
-    /// File name or built-in name, for error texts.
+    /// File name or built-in name, for error messages.
     pub origin: String,
     /// The file's text.
     pub text: String,
 }
 
-/// What sets the pace of the loop.
+/// Pace of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
     /// The plant wakes at absolute deadlines; a late command is a deadline miss.
     Realtime,
-    /// The plant waits for each command; as fast as the processes can go.
+    /// The plant waits for each command; the loop runs as fast as the processes can.
     Lockstep,
 }
 
-/// A node's part in the loop.
+/// Role of a node in the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
     /// Simulates the vehicle and sets the pace.
     Plant,
-    /// Turns measurements into estimated states.
+    /// Estimates the states from measurements.
     Estimator,
-    /// Turns estimated states into commands.
+    /// Computes commands from estimated states.
     Controller,
     /// Writes the log.
     Recorder,
-    /// Holds the flight against the vehicle file, beside the loop.
+    /// Compares the flight with the vehicle file, outside the loop.
     Mirror,
 }
 
@@ -128,10 +129,10 @@ pub struct PlantConfig {
     pub initial: BTreeMap<String, f64>,
     /// Consecutive deadline misses after which a realtime plant goes to its failsafe.
     pub misses_to_failsafe: u32,
-    /// Longest wait of a lockstep plant for a command, s of wall-clock time. Absent: it waits as long as the nodes live
-    /// that answer, and the run does not depend on any clock.
+    /// Longest wait of a lockstep plant for a command, s of wall-clock time. Absent: it waits as long as the
+    /// responsible nodes are alive, and the run does not depend on any clock.
     pub answer_timeout_s: Option<f64>,
-    /// Listen on topic `inject` for disturbances from outside.
+    /// Accept disturbances from outside on topic `inject`.
     pub inject: bool,
 }
 
@@ -139,20 +140,20 @@ pub struct PlantConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Engine {
-    /// Nothing turns.
+    /// Engine off.
     Off,
-    /// Running on the ground.
+    /// Engine running on the ground.
     On,
-    /// In flight.
+    /// Engine running in flight.
     Flying,
 }
 
-/// Options of the controller. Options of other laws than `law` are allowed and unused, so that variants of a
+/// Options of the controller. Options of other laws than `law` are allowed and ignored, so that variants of a
 /// launch file can change the law alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ControllerConfig {
-    /// The law.
+    /// Kind of the law.
     pub law: LawKind,
     /// LQR: diagonal of Q; SMC: diagonal of the weight that shapes the surface.
     #[serde(default)]
@@ -187,16 +188,16 @@ pub struct ControllerConfig {
     /// LQR: weight of each integral.
     #[serde(default)]
     pub integral_q: Option<Vec<f64>>,
-    /// What integrators do at the input limits.
+    /// Behaviour of integrators at the input limits.
     #[serde(default)]
     pub anti_windup: AntiWindup,
-    /// Add the stick to the command of the law, within its limits: a test input while the loop stays closed.
+    /// Add the stick to the command of the law, within its limits: a test input in closed loop.
     #[serde(default)]
     pub add_stick: bool,
-    /// What the law does about effects of the vehicle that are not linear.
+    /// Nonlinear effects of the vehicle that the law compensates.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub compensate: Vec<Compensation>,
-    /// Listen on topic `pilot` for setpoints from outside; the newest one replaces the profile.
+    /// Accept setpoints from outside on topic `pilot`; the newest one replaces the profile.
     #[serde(default)]
     pub pilot: bool,
 }
@@ -219,29 +220,29 @@ pub enum LawKind {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecorderConfig {
-    /// The log, for example `out/log.mcap`; a restarted recorder writes `out/log.2.mcap`, and so on.
+    /// Path of the log, for example `out/log.mcap`; a restarted recorder writes `out/log.2.mcap`, and so on.
     pub path: String,
-    /// Runs that one recorder begins at most: one for each start of the plant.
+    /// Largest number of runs recorded by one recorder: one for each start of the plant.
     #[serde(default = "most_runs")]
     pub most_runs: u32,
-    /// Size at which the next file begins, bytes.
+    /// Size at which the next file begins, bytes; absent: no limit.
     #[serde(default)]
     pub max_bytes: Option<u64>,
-    /// Bench time after which the next file begins, ns.
+    /// Bench time after which the next file begins, ns; absent: no limit.
     #[serde(default)]
     pub max_duration_ns: Option<u64>,
-    /// So many files are kept, the last ones; without, all.
+    /// Number of files kept, the last ones; absent: all.
     #[serde(default)]
     pub segments: Option<u32>,
-    /// The launch file's text, kept inside the log.
+    /// Text of the launch file, stored in the log.
     #[serde(default)]
     pub launch_text: String,
-    /// Version of the program, kept inside the log.
+    /// Version of the program, stored in the log.
     #[serde(default)]
     pub version: String,
 }
 
-/// New values of named signals from a time on; a signal not named keeps its value.
+/// New values of named signals at a time; other signals keep their values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SignalChange {
@@ -251,7 +252,7 @@ pub struct SignalChange {
     pub values: BTreeMap<String, f64>,
 }
 
-/// What a node asks of the operating system.
+/// Operating-system options of a node.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RealtimeOptions {
@@ -298,7 +299,7 @@ impl ControllerConfig {
         }
     }
 
-    /// The options of the law that are its own; `None` for `manual`, which has none.
+    /// Options of the law itself; `None` for `manual`, which has none.
     pub fn options(&self) -> Option<LawOptions> {
         let (integral, anti_windup) = (self.integral.clone(), self.anti_windup);
         Some(match self.law {
@@ -335,7 +336,7 @@ impl Role {
     /// Every role, in the order in which a step passes them.
     pub const ALL: [Self; 5] = [Self::Plant, Self::Estimator, Self::Controller, Self::Recorder, Self::Mirror];
 
-    /// The name on the command line, in launch files and in `Health`.
+    /// Name of the role on the command line, in launch files and in `Health`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Plant => "plant",
@@ -361,7 +362,7 @@ fn native_peers() -> Vec<Role> {
     vec![Role::Estimator, Role::Controller]
 }
 
-/// The plant's first start, and the restarts that a launch file allows if it says nothing.
+/// Default number of runs: the plant's first start, and the default number of restarts in a launch file.
 fn most_runs() -> u32 {
     4
 }

@@ -1,8 +1,8 @@
-//! One flight without a bus: plant, filter and law call each other.
+//! A flight without a bus: plant, filter and law call each other.
 //!
-//! The numbers are to the last bit those of the same bench in lockstep, over whatever transport: at step j command j-1 is in
-//! force, the filter hears of measurement j and of what was in force before it, and the law answers with command j. What the
-//! nodes do beside that (messages, health, waiting, a log) has no part in it.
+//! The numbers are bit-identical to those of the same bench in lockstep over any transport: at step j command
+//! j-1 is in force, the filter receives measurement j and the input that was in force before it, and the law
+//! answers with command j. Messages, health, waiting and logs of the nodes are left out.
 
 mod lanes;
 
@@ -22,8 +22,8 @@ use crate::setup::Setup;
 
 pub use lanes::{LANES, StepLanes};
 
-/// Law and filter, designed once for all flights that differ in nothing that these know of: in noise, disturbances, effects,
-/// initial states, setpoints.
+/// Law and filter, designed once for all flights with the same model: flights may differ in noise,
+/// disturbances, effects, initial states, setpoints.
 pub struct Pilot {
     known: Known,
     setup: Setup,
@@ -31,7 +31,7 @@ pub struct Pilot {
     law: Law,
 }
 
-/// What law and filter follow from.
+/// Configuration from which law and filter are designed.
 #[derive(Debug, Clone, PartialEq)]
 struct Known {
     vehicle: VehicleSource,
@@ -64,38 +64,38 @@ impl Known {
     }
 }
 
-/// What a step of a flight was; SI.
+/// One step of a flight, for an observer; SI.
 pub struct Step<'a> {
     /// Bench time, ns.
     pub stamp_ns: u64,
     /// The true states.
     pub x: &'a [f64],
-    /// The inputs in force.
+    /// Inputs in force.
     pub u: &'a [f64],
     /// `HELD` and `FAILSAFE` of [`flags`].
     pub flags: u32,
-    /// What disturbs the derivative of each state.
+    /// Disturbance of the derivative of each state.
     pub disturbance: &'a [f64],
-    /// What was measured.
+    /// Measured outputs.
     pub y: &'a [f64],
-    /// Bit i: output i is fresh and can be used.
+    /// Bit i: output i is fresh and usable.
     pub fresh: u64,
-    /// What the law was asked for.
+    /// Reference of the law.
     pub setpoint: &'a Setpoint,
-    /// The filter behind the measurement of this step.
+    /// The filter after the measurement of this step.
     pub filter: &'a Estimator,
 }
 
-/// What the nodes of a bench would have counted.
+/// Counters as those of a bench's nodes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Steps done.
+    /// Number of steps done.
     pub steps: u64,
-    /// Steps without a usable command.
+    /// Number of steps without a usable command.
     pub misses: u64,
-    /// Commands that the plant refused or changed.
+    /// Number of commands that the plant refused or changed.
     pub rejected: u64,
-    /// Measurements and estimates that filter and law could not use.
+    /// Number of measurements unusable for the filter, and of estimates unusable for the law.
     pub refused: [u64; 2],
 }
 
@@ -111,8 +111,8 @@ impl Pilot {
         Ok(Self { known: Known::of(config), setup, estimator, law })
     }
 
-    /// The same law and filter for a bench that differs in the vehicle that flies, and not in `model`, which they were designed
-    /// for.
+    /// The same law and filter for a bench with another vehicle, but the same `model` for which they were
+    /// designed.
     ///
     /// # Errors
     /// [`NodeError`] for a bench that would design others, and a vehicle that cannot fly.
@@ -125,7 +125,7 @@ impl Pilot {
         Ok(Self { known, setup, estimator: self.estimator.clone(), law: self.law.clone() })
     }
 
-    /// The same filter before the law that this bench would design for another model.
+    /// The same filter with the law that this bench would design for another model.
     ///
     /// # Errors
     /// [`NodeError`] for a law that cannot be designed for it.
@@ -140,7 +140,7 @@ impl Pilot {
         })
     }
 
-    /// Whether it is the one that this bench would design.
+    /// True when the design equals that of this bench.
     pub fn is_of(&self, config: &NodeConfig) -> bool {
         self.known.is_of(config)
     }
@@ -150,7 +150,7 @@ impl Pilot {
         &self.setup.vehicle
     }
 
-    /// Flies the bench, for which it must have been designed; `each` sees every step.
+    /// Flies the bench, for which law and filter must have been designed; `each` is called for every step.
     ///
     /// # Errors
     /// [`NodeError`] for an effect or initial state that the vehicle does not have, and for a state that left the model.
@@ -158,7 +158,7 @@ impl Pilot {
         self.fly_changed(config, None, each)
     }
 
-    /// As [`Self::fly`], with an effect that begins in flight.
+    /// Flies as [`Self::fly`], with an effect that begins in flight.
     ///
     /// # Errors
     /// As [`Self::fly`].
@@ -171,7 +171,7 @@ impl Pilot {
         self.flown(config, onset, &mut each)
     }
 
-    /// Not generic, so that it is compiled here, where it is compiled to be fast, and not where it is called from.
+    /// Not generic, so that it is compiled in this optimised crate, not in the caller's.
     fn flown(
         &self,
         config: &NodeConfig,
@@ -185,7 +185,7 @@ impl Pilot {
         let mut profile = Profile::new(config, &setup.vehicle)?;
         let (mut estimator, mut law) = (self.estimator.clone(), self.law.clone());
         let mut gate = Gate::new(setup.limits, config.plant.misses_to_failsafe);
-        // An input that shows in the measurement of the same moment must be there before it.
+        // An input with feed-through must be applied before the measurement.
         let shows = setup.vehicle.d.iter().any(|v| *v != 0.0);
         let believed = setup.model.d.iter().any(|v| *v != 0.0);
         let mut before = gate.applied().u;
@@ -225,7 +225,7 @@ impl Pilot {
             if !shows {
                 airframe.measure();
             }
-            // Step 0 is over before a bench begins to look.
+            // Step 0 is over before a bench begins to check.
             if step > 0
                 && let Some(error) = diverged(&airframe, &bounds, &setup.vehicle)
             {
@@ -236,7 +236,7 @@ impl Pilot {
     }
 }
 
-/// Measures, and tells which outputs are fresh and can be used, and whether all fresh ones can.
+/// Measures; returns which outputs are fresh and usable, and whether all fresh ones are usable.
 fn measured(airframe: &mut Simulator) -> (u64, bool) {
     let finite =
         airframe.measure().iter().enumerate().fold(0, |bits, (i, y)| bits | u64::from(y.is_finite()) << i);

@@ -1,4 +1,4 @@
-//! What the nodes that answer messages have in common, so that one loop runs each of them.
+//! Common interface of nodes that answer messages, so that one loop runs each of them.
 
 use std::time::Instant;
 
@@ -15,22 +15,22 @@ pub trait Follower {
     /// The transport fails.
     fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError>;
 
-    /// Hears the others, and reports when a report is due.
+    /// Receives the health of the others, and publishes a report when it is due.
     ///
     /// # Errors
     /// The transport fails.
     fn housekeeping(&mut self, now: Instant) -> Result<(), NodeError>;
 
-    /// Whether it still waits to hear its peers.
+    /// True while it waits for its peers.
     fn is_starting(&self) -> bool;
 
-    /// Whether a report is due.
+    /// True when a report is due.
     fn is_due(&self, now: Instant) -> bool;
 
-    /// When to take a turn even if no message comes.
+    /// Time of the next call even if no message arrives.
     fn wake_at(&self) -> Instant;
 
-    /// Says good-bye; returns the last report.
+    /// Announces the end; returns the last report.
     ///
     /// # Errors
     /// The transport fails.

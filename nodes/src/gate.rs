@@ -1,9 +1,9 @@
-//! Decides which command is in force. The plant obeys this rule, and the estimator follows it.
+//! Decides which command is in force. The plant applies this rule, and the estimator reproduces it.
 //!
-//! Over `[t_j, t_j+1)` command j-1 is in force. When it is not there in time, the last one is held; after a
-//! number of consecutive misses (one, when the caller says so) the inputs go to neutral, until the first
-//! command on time. Nothing that is not finite, late, early, repeated or of the wrong size gets through, and
-//! nothing leaves beyond the input limits.
+//! Over `[t_j, t_j+1)` command j-1 is in force. When it does not arrive in time, the last one is held; after
+//! a number of consecutive misses (one, when the caller requests it) the inputs go to neutral, until the
+//! first command in time. Commands that are not finite, late, early, repeated or of the wrong size are
+//! refused, and outputs never exceed the input limits.
 
 use whirlstand_msgs::{Command, MAX_INPUTS, flags};
 
@@ -12,9 +12,9 @@ use whirlstand_msgs::{Command, MAX_INPUTS, flags};
 pub struct InputLimits {
     /// Number of inputs in use.
     pub count: usize,
-    /// Least value of every input.
+    /// Lower limit of every input.
     pub lower: [f64; MAX_INPUTS],
-    /// Greatest value of every input.
+    /// Upper limit of every input.
     pub upper: [f64; MAX_INPUTS],
 }
 
@@ -26,13 +26,13 @@ impl InputLimits {
         u
     }
 
-    /// Whether every value is a number within the limits.
+    /// True when every value is a number within the limits.
     pub fn allow(&self, u: &[f64; MAX_INPUTS]) -> bool {
         let mut within = u.iter().zip(self.lower.iter().zip(&self.upper)).take(self.count);
         u.iter().all(|value| value.is_finite()) && within.all(|(v, (lower, upper))| lower <= v && v <= upper)
     }
 
-    /// Brings `u` within the limits; true when something had to move.
+    /// Limits `u`; true when a value changed.
     #[inline]
     fn limit(&self, u: &mut [f64; MAX_INPUTS]) -> bool {
         let mut moved = false;
@@ -45,7 +45,7 @@ impl InputLimits {
     }
 }
 
-/// Why a command was refused or changed.
+/// Reason why a command was refused or changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     /// A value is NaN or infinite; refused.
@@ -56,9 +56,9 @@ pub enum Fault {
     Stale,
     /// The command belongs to a step that the plant has not reached; refused.
     Early,
-    /// The step has its command already, and this one is another; refused.
+    /// The step already has another command; refused.
     Repeated,
-    /// The controller has no usable command for the awaited step, and says so.
+    /// The controller reports that it has no usable command for the awaited step.
     Withheld,
     /// A value is beyond the input limits; the limit is applied instead.
     OutOfRange,
@@ -79,15 +79,15 @@ pub struct Gate {
     limits: InputLimits,
     misses_to_failsafe: u32,
     accepted: Option<Applied>,
-    /// The newest command that was accepted.
+    /// The newest accepted command.
     newest: Option<Command>,
-    /// The answer to the awaited step has come, and cannot be used.
+    /// True when the answer to the awaited step has arrived but is unusable.
     unusable: bool,
     last: Applied,
     consecutive_misses: u32,
     misses: u64,
     rejected: u64,
-    /// The latest step that a command was for.
+    /// The latest step for which a command arrived.
     newest_step: Option<u64>,
 }
 
@@ -108,9 +108,9 @@ impl Gate {
         }
     }
 
-    /// Takes a command in, when step `awaited` is the one that counts. Every fault counts as rejected but what is only
-    /// late, because its step was counted as a miss when it was closed, and a command that was withheld. The newest
-    /// accepted command once more answers a measurement that was sent once more, and is no fault.
+    /// Offers a command while step `awaited` counts. Every fault counts as rejected except a late command,
+    /// because its step was counted as a miss when it was closed, and a withheld command. A repetition of the
+    /// newest accepted command answers a repeated measurement, and is no fault.
     ///
     /// # Errors
     /// The [`Fault`]; all but [`Fault::OutOfRange`] leave the gate as it was.
@@ -123,7 +123,8 @@ impl Gate {
         let excused = match result {
             Ok(()) | Err(Fault::Withheld) => true,
             Err(Fault::Stale) => self.is_only_late(command.head.step),
-            // The measurement of step 0 is repeated until it is answered, so its answer can come more than once.
+            // The measurement of step 0 is repeated until it is answered, so its answer can arrive more than
+            // once.
             Err(Fault::Repeated) => command.head.step == 0,
             Err(_) => false,
         };
@@ -138,7 +139,7 @@ impl Gate {
         result
     }
 
-    /// Whether a command for a step that is over is the first one for it: the missing answer, too late.
+    /// True when a command for a past step is the first one for it: the missing answer, too late.
     fn is_only_late(&self, step: u64) -> bool {
         step == 0 || self.newest_step.is_none_or(|newest| step > newest)
     }
@@ -171,13 +172,13 @@ impl Gate {
         if moved { Err(Fault::OutOfRange) } else { Ok(()) }
     }
 
-    /// Whether the awaited command is there.
+    /// True when the awaited command has arrived.
     #[inline]
     pub fn is_ready(&self) -> bool {
         self.accepted.is_some()
     }
 
-    /// Whether the awaited step was answered, with a command or with one that cannot be used.
+    /// True when the awaited step was answered, with a usable or an unusable command.
     #[inline]
     pub fn is_answered(&self) -> bool {
         self.accepted.is_some() || self.unusable
@@ -218,7 +219,7 @@ impl Gate {
         self.last
     }
 
-    /// Whether the inputs are at neutral because commands failed to come.
+    /// True when the inputs are neutral because commands are missing.
     pub fn in_failsafe(&self) -> bool {
         self.last.flags & flags::FAILSAFE != 0
     }

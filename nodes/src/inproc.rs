@@ -18,8 +18,8 @@ use crate::plant::Plant;
 use crate::recorder::Recorder;
 use crate::setup::Setup;
 
-/// Rounds between two looks at what is not the loop. Well below the recorder's window, so that the plant never
-/// has to wait for it.
+/// Number of rounds between two rounds of work outside the loop. Well below the recorder's window, so that
+/// the plant never has to wait for it.
 const ROUNDS_PER_POLL: u32 = 128;
 
 /// Result of a bench in one thread.
@@ -43,7 +43,7 @@ pub struct Bench {
     clock: Clock,
     realtime: bool,
     rounds: u32,
-    /// Last: what the nodes say at their end is written, too.
+    /// Dropped last, so that the final notices of the nodes are written too.
     _writing: Writing,
 }
 
@@ -51,7 +51,7 @@ impl Bench {
     /// Opens all nodes.
     ///
     /// # Errors
-    /// As for each node.
+    /// The [`NodeError`] of the first node that fails.
     pub fn open(config: &NodeConfig) -> Result<Self, NodeError> {
         let setup = Setup::new(config)?;
         let writing = notices::begin()?;
@@ -70,10 +70,11 @@ impl Bench {
         })
     }
 
-    /// A turn of each node in the order of a step. In realtime it waits for the next deadline when all is done.
+    /// One turn of each node in the order of a step. In realtime it waits for the next deadline when all is
+    /// done.
     ///
     /// # Errors
-    /// As for each node.
+    /// The [`NodeError`] of the first node that fails.
     #[inline]
     pub fn round(&mut self) -> Result<Turn, NodeError> {
         let plant = self.plant.turn(&mut self.clock)?;
@@ -95,10 +96,10 @@ impl Bench {
         Ok(if idle { Turn::Idle } else { Turn::Worked })
     }
 
-    /// Runs to the end, or until `stop` asks for it.
+    /// Runs to the end, or until `stop` is set.
     ///
     /// # Errors
-    /// As for each node.
+    /// The [`NodeError`] of the first node that fails.
     pub fn run(mut self, stop: &StopFlag) -> Result<Ended, NodeError> {
         let mut start = Instant::now();
         loop {
@@ -118,7 +119,7 @@ impl Bench {
             (Role::Estimator, self.estimator.stop()?),
             (Role::Controller, self.controller.stop()?),
         ];
-        // Before the recorder, so that what it says last is in the log.
+        // Before the recorder, so that its last findings are in the log.
         let mut mirrored = None;
         if let Some(mirror) = &mut self.mirror {
             mirror.stop();
@@ -154,7 +155,7 @@ impl Bench {
 /// Runs a bench in this thread.
 ///
 /// # Errors
-/// As for each node.
+/// The [`NodeError`] of the first node that fails.
 pub fn run_inproc(config: &NodeConfig, stop: &StopFlag) -> Result<Ended, NodeError> {
     Bench::open(config)?.run(stop)
 }

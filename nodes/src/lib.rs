@@ -1,7 +1,7 @@
 //! The processes of a bench: plant, estimator, controller, recorder.
 //!
-//! Each node is a state machine over the bus: a `turn` does what can be done now and never waits. A process runs
-//! one with [`run_node`]; [`run_inproc`] lets all take turns in one thread.
+//! Each node is a state machine over the bus: a `turn` does all work that is possible now and never waits. A
+//! process runs one node with [`run_node`]; [`run_inproc`] runs all nodes in turn in one thread.
 //!
 //! # A step
 //! At `t_j` the plant closes the [`gate`] for command j-1, publishes `Truth` j, `Odometry` j, `Disturbance` j
@@ -27,20 +27,21 @@
 //! estimator, recorder.
 //!
 //! # When a node is lost
-//! - **Controller or estimator**: commands stop coming. In realtime the last one is held, and after
-//!   `misses_to_failsafe` misses the inputs go to neutral; in lockstep the plant waits
-//!   until another process has taken the node's place (or for `answer_timeout_s`, if it is set) and goes to neutral for
-//!   the step that nobody answered. A controller that lives and has no usable command says so, and the plant goes to
-//!   neutral at once. The failsafe is told in `Health`, in `Truth` and on standard error. A
-//!   restarted node joins at the step it hears first, and the first command on time ends the failsafe.
-//! - **Plant**: the others wait. A restarted plant begins a new run at step 0. Estimator and controller see the step
-//!   go back, and start anew as well; the recorder begins its next file (`log.2.mcap`).
-//! - **Recorder**: the loop goes on; a lockstep plant waits for it as long as it lives, and no longer for what
-//!   was on its way to one that has been replaced. A restarted recorder writes `log.2.mcap`: no log is overwritten.
-//! - **Mirror**: the loop does not notice; a lockstep plant waits for it as for the recorder.
-//! - **A node that only stood still** (`SIGSTOP`) finds a queue of old messages, answers them, and its late answers
-//!   are refused as stale. A realtime plant that stood still does not catch up: bench time stood still with it, and
-//!   every whole period that it was late counts as a miss.
+//! - **Controller or estimator**: no commands arrive. In realtime the last one is held, and after
+//!   `misses_to_failsafe` misses the inputs go to neutral; in lockstep the plant waits until another process
+//!   has replaced the node (or for `answer_timeout_s`, if it is set) and goes to neutral for the unanswered
+//!   step. A live controller without a usable command reports it, and the plant goes to neutral at once. The
+//!   failsafe is reported in `Health`, in `Truth` and on standard error. A restarted node joins at the first
+//!   step it receives, and the first command in time ends the failsafe.
+//! - **Plant**: the others wait. A restarted plant begins a new run at step 0. Estimator and controller see
+//!   the step number go back, and restart as well; the recorder begins its next file (`log.2.mcap`).
+//! - **Recorder**: the loop continues; a lockstep plant waits for a recorder as long as it is alive, but not
+//!   for messages on their way to one that has been replaced. A restarted recorder writes `log.2.mcap`: no
+//!   log is overwritten.
+//! - **Mirror**: the loop is not affected; a lockstep plant waits for it as for the recorder.
+//! - **A node that was only stopped** (`SIGSTOP`) finds a queue of old messages, answers them, and its late
+//!   answers are refused as stale. A realtime plant that was stopped does not catch up: bench time stood
+//!   still with it, and every whole period of the delay counts as a miss.
 
 mod adjustment_desk;
 pub mod bench;

@@ -6,19 +6,20 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MirrorConfig {
-    /// What is done about a finding.
+    /// Reaction to a finding.
     pub on_finding: OnFinding,
 }
 
-/// What is done when the vehicle is no longer the one in the file.
+/// Reaction when the vehicle differs from its file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum OnFinding {
-    /// It is said.
+    /// The finding is only reported.
     #[default]
     Tell,
-    /// The controller withholds its commands, so that the plant brings its inputs to neutral, until prediction is right again.
+    /// The controller withholds its commands, so that the plant sets its inputs to neutral, until the
+    /// prediction is correct again.
     Failsafe,
-    /// The law that is designed for the cause takes the place of the one that flies, once it is the better one on draws.
+    /// The law designed for the cause replaces the one in charge, if it is better in random draws.
     Law,
 }

@@ -1,5 +1,5 @@
-//! What the steps of a node have to say: written by a thread beside them, because whoever writes a line allocates, takes the
-//! lock of standard error, and waits where nobody reads it.
+//! Notices of a node's steps, written by a separate thread, because writing a line allocates, takes the lock
+//! of standard error, and blocks where nobody reads it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, OnceLock, PoisonError};
@@ -12,32 +12,32 @@ use crate::error::NodeError;
 use crate::refusal::{name, refusal};
 use crate::worker::Worker;
 
-/// Notices that may wait. What does not fit is counted, and the count told.
+/// Largest number of waiting notices. Further ones are counted, and the count is reported.
 const DEPTH: usize = 64;
 
-/// For how long the end of a node waits until all is written.
+/// Longest wait at the end of a node until all notices are written.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// Something that a step has to say.
+/// Notice of a step.
 #[derive(Debug)]
 pub(crate) enum Notice {
-    /// The plant began a new run, and what this node begins with it.
+    /// The plant began a new run, and the reaction of this node.
     NewRun { step: u64, then: &'static str },
     /// Measurements are missing since step `last`.
     Gap { step: u64, last: u64 },
-    /// Commands stay out: neutral inputs.
+    /// Commands are missing: neutral inputs.
     Failsafe { step: u64, misses: u64 },
-    /// Commands are back.
+    /// Commands arrive again.
     FailsafeOver { step: u64 },
-    /// Commands are withheld, or given again, because of what the mirror says.
+    /// Commands are withheld, or no longer, because of a finding of the mirror.
     Caution { step: u64, withholds: bool },
-    /// Another law flies from here.
+    /// Another law is in charge from this step on.
     InCharge { step: u64, is_first: bool },
-    /// The hand that held the stick has said nothing for too long.
+    /// Manual control ended after too long a silence.
     LetGo { step: u64 },
     /// Too many laws are being designed.
     DraftLeftOut,
-    /// A request from outside was refused; `key` opens the node to such.
+    /// A request from outside was refused; `key` is the launch-file key that allows it.
     Refused { answer: Adjustment, key: &'static str },
     /// A message arrived damaged.
     Damaged(RecvError),
@@ -45,7 +45,7 @@ pub(crate) enum Notice {
 
 struct Notices {
     worker: Worker<Notice>,
-    /// How many were handed over; `written` of them are written.
+    /// Number of notices submitted; `written` of them are written.
     handed: AtomicU64,
     left_out: AtomicU64,
     written: Mutex<u64>,
@@ -54,10 +54,11 @@ struct Notices {
 
 static NOTICES: OnceLock<Notices> = OnceLock::new();
 
-/// While it lives notices are written by a thread; what was said is written when it is gone.
+/// Guard of the writing thread; when it is dropped all notices have been written.
 pub(crate) struct Writing;
 
-/// Starts the thread of this process, if it does not run yet. Before a node takes its priority, which the thread must not have.
+/// Starts the thread of this process, unless it runs already; before a node takes its priority, which the
+/// thread must not have.
 ///
 /// # Errors
 /// [`NodeError::System`].
@@ -73,7 +74,7 @@ pub(crate) fn begin() -> Result<Writing, NodeError> {
         notices.more.notify_all();
     })
     .map_err(|source| NodeError::System { action: "start the thread that writes what steps say", source })?;
-    // Of two that begin at once one thread stays, and the other ends.
+    // Of two threads started at once one stays, and the other ends.
     let _ = NOTICES.set(Notices {
         worker,
         handed: AtomicU64::new(0),
@@ -84,7 +85,8 @@ pub(crate) fn begin() -> Result<Writing, NodeError> {
     Ok(Writing)
 }
 
-/// Has a notice written. Allocates nothing and takes no lock; in a process without the thread it is written here.
+/// Submits a notice. Allocates nothing and takes no lock; in a process without the thread it is written
+/// directly.
 pub(crate) fn say(notice: Notice) {
     let Some(notices) = NOTICES.get() else { return notice.write() };
     let count = if notices.worker.hand(notice).is_ok() { &notices.handed } else { &notices.left_out };
@@ -96,7 +98,7 @@ impl Drop for Writing {
         let Some(notices) = NOTICES.get() else { return };
         let handed = notices.handed.load(Ordering::Acquire);
         let written = notices.written.lock().unwrap_or_else(PoisonError::into_inner);
-        // Where nobody reads what is written, or the thread is gone, a node ends all the same.
+        // Without a reader or the thread, a node ends nevertheless.
         let waited = notices.more.wait_timeout_while(written, PATIENCE, |written| *written < handed);
         let (written, waited) = waited.unwrap_or_else(PoisonError::into_inner);
         drop(written);

@@ -1,4 +1,4 @@
-//! An effect that begins in flight, of whatever kind.
+//! An effect of any kind that begins in flight.
 
 use whirlstand_vehicle::{Effect, EffectError, Kind, Simulator, Window};
 
@@ -7,7 +7,7 @@ use crate::error::NodeError;
 use crate::plant::simulation::simulated;
 use crate::setup::Setup;
 
-/// An effect and the step from which on it acts.
+/// An effect and the step from which it acts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Onset {
     /// The effect, without a window.
@@ -17,9 +17,9 @@ pub struct Onset {
 }
 
 impl Onset {
-    /// The effect with its begin.
+    /// The effect with a window that begins at the step.
     fn switched(&self, period_s: f64) -> Result<Effect, EffectError> {
-        // A rounding error before the step, so that it acts at the step itself.
+        // Slightly before the step, so that rounding does not delay the effect by a step.
         let at_s = ((self.step as f64 - 1e-6) * period_s).max(0.0);
         match (self.effect.kind(), self.effect.text()) {
             (Kind::StepDisturbance | Kind::PulseDisturbance, _) => {
@@ -32,7 +32,7 @@ impl Onset {
     }
 }
 
-/// The vehicle that flies, with the effect that begins.
+/// The simulated vehicle, with the effect that begins in flight.
 ///
 /// # Errors
 /// As [`simulated`].

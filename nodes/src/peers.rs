@@ -1,9 +1,9 @@
-//! The nodes of a bench: publishes this node's `Health` and receives that of the others.
+//! Health of the nodes of a bench: publishes this node's `Health` and receives that of the others.
 //!
-//! The handshake before step 0 rests on one rule: a node opens its `Health` subscription last. Having heard
-//! the health of X therefore means that X knows all subscriptions of this node, so that nothing X publishes
-//! from now on is lost. A node that has heard everybody it listens to says `Running`; the plant starts when
-//! all say so.
+//! The handshake before step 0 relies on one rule: a node opens its `Health` subscription last. Having
+//! received the health of X therefore means that X has all subscriptions of this node, so that nothing X
+//! publishes from now on is lost. A node that has heard from all its peers reports `Running`; the plant
+//! starts when all report it.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -16,10 +16,10 @@ use crate::error::NodeError;
 /// Wall-clock time between two reports of a node.
 pub const HEALTH_PERIOD: Duration = Duration::from_millis(100);
 
-/// A peer that has left out so many reports stands still, or its machine has no time for it.
+/// Silence after which a peer has stopped, or gets no processor time.
 const SILENCE: Duration = HEALTH_PERIOD.saturating_mul(5);
 
-/// Queue for health: four nodes speak ten times a second, and more often while the bench starts.
+/// Queue length for health: four nodes report ten times per second, and more often while the bench starts.
 const HEALTH_DEPTH: usize = 64;
 
 /// The newest health message of a peer.
@@ -34,7 +34,7 @@ pub struct PeerHealth {
 }
 
 impl PeerHealth {
-    /// Whether the peer has not spoken for so long that it must be standing still.
+    /// True when the peer has been silent for so long that it must have stopped.
     pub fn is_silent(&self, now: Instant) -> bool {
         now >= self.heard + SILENCE
     }
@@ -46,16 +46,16 @@ pub struct Peers {
     publisher: Publisher<Health>,
     subscriber: Subscriber<Health>,
     reports: [Option<PeerHealth>; Role::ALL.len()],
-    /// Roles whose process is another than before, until somebody asks.
+    /// Roles whose process was replaced, until queried.
     replaced: [bool; Role::ALL.len()],
     listens_to: Vec<Role>,
     due: Instant,
-    /// What the next report says; the owner keeps its counters up to date before each report.
+    /// Next report; the owner updates its counters before each report.
     pub report: Health,
 }
 
 impl Peers {
-    /// Joins the topic `health`. Open every other port before.
+    /// Opens the topic `health`; to be called after all other ports are open.
     ///
     /// # Errors
     /// The ports cannot be opened.
@@ -76,17 +76,17 @@ impl Peers {
         })
     }
 
-    /// When the next report is due.
+    /// Time of the next report.
     pub fn due(&self) -> Instant {
         self.due
     }
 
-    /// Whether a report is due.
+    /// True when a report is due.
     pub fn is_due(&self, now: Instant) -> bool {
         now >= self.due
     }
 
-    /// Receives the reports that wait, and publishes one when it is due or a new peer has come.
+    /// Receives waiting reports, and publishes one when it is due or a new peer has appeared.
     ///
     /// # Errors
     /// The transport fails.
@@ -98,7 +98,8 @@ impl Peers {
         if self.is_due(now) { self.publish(now) } else { Ok(()) }
     }
 
-    /// The next report of a peer, for the recorder, which writes them all; `turn` does the same without showing.
+    /// The next report of a peer, for the recorder, which writes them all; `turn` receives them without
+    /// returning them.
     ///
     /// # Errors
     /// The transport fails.
@@ -113,7 +114,7 @@ impl Peers {
         }
     }
 
-    /// Takes a report of a peer in.
+    /// Processes a peer's report.
     pub fn update(&mut self, health: &Health) {
         let Some(role) = Role::ALL.into_iter().find(|r| r.name() == health.node_name()) else { return };
         if role == self.role {
@@ -122,7 +123,7 @@ impl Peers {
         let report = &mut self.reports[role as usize];
         if report.is_none_or(|h| h.pid != health.pid) {
             self.replaced[role as usize] = report.is_some();
-            // Somebody new waits to hear this node.
+            // A new peer waits for this node's report.
             self.due = Instant::now();
         }
         *report = Some(PeerHealth {
@@ -133,19 +134,19 @@ impl Peers {
         });
     }
 
-    /// Goes from `Starting` to `Running` once everybody listened to was heard. The plant decides for itself.
+    /// Changes from `Starting` to `Running` once all peers were heard from. The plant decides for itself.
     pub fn settle(&mut self) {
         if self.is_starting() && self.role != Role::Plant && self.all_reported() {
             self.set_state(NodeState::Running);
         }
     }
 
-    /// Whether a peer that this node listens to was not heard yet.
+    /// True when a peer of this node was not heard from yet.
     pub fn is_starting(&self) -> bool {
         self.report.state == NodeState::Starting as u32
     }
 
-    /// Sets the state, and has it reported at once when it changed.
+    /// Sets the state, and reports a change at once.
     pub fn set_state(&mut self, state: NodeState) {
         if self.report.state != state as u32 {
             self.report.state = state as u32;
@@ -153,7 +154,7 @@ impl Peers {
         }
     }
 
-    /// Counts an answer into the histogram.
+    /// Adds an answer's latency to the histogram.
     pub fn record_latency(&mut self, latency: Duration) {
         let ns = u64::try_from(latency.as_nanos()).unwrap_or(u64::MAX);
         self.report.latency[latency_bucket(ns)] += 1;
@@ -176,8 +177,8 @@ impl Peers {
         self.reports[role as usize]
     }
 
-    /// Whether another process has taken a role over since the last call, and runs: what was asked of the one before
-    /// will not be answered.
+    /// True when a role was taken over by another, running process since the last call: requests to the
+    /// previous one will not be answered.
     pub fn take_replaced(&mut self, role: Role) -> bool {
         self.replaced[role as usize] && self.runs(role) && std::mem::take(&mut self.replaced[role as usize])
     }
@@ -187,12 +188,12 @@ impl Peers {
         matches!(state, Some(NodeState::Running | NodeState::Failsafe))
     }
 
-    /// Peers among those listened to that are not yet `Running`.
+    /// Peers of this node that are not yet `Running`.
     pub fn not_running(&self) -> impl Iterator<Item = Role> + '_ {
         self.listens_to.iter().copied().filter(|&r| !self.runs(r))
     }
 
-    /// The same as text.
+    /// Peers that are not yet `Running`, as text.
     pub fn missing(&self) -> String {
         let missing: Vec<_> = self.not_running().map(Role::name).collect();
         format!("the {}", missing.join(" and the "))

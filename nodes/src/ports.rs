@@ -1,4 +1,4 @@
-//! Receiving messages, with damaged ones skipped.
+//! Receives messages and skips damaged ones.
 
 use whirlstand_bus::{RecvError, Subscriber};
 use whirlstand_msgs::Message;
@@ -19,7 +19,7 @@ pub(crate) fn receive<M: Message>(
         match subscriber.try_recv() {
             Ok(message) => return Ok(message),
             Err(e @ RecvError::Refused { .. }) => {
-                // The first one tells the reader what is going on, the count tells how often.
+                // The first one is described, the others are only counted.
                 if *refused == 0 {
                     say(Notice::Damaged(e));
                 }

@@ -1,4 +1,4 @@
-//! One node as one process: opens the bus, says that it is ready, and turns until its end.
+//! Runs one node as one process: opens the bus, reports readiness, and runs until its end.
 
 use std::time::{Duration, Instant};
 
@@ -32,7 +32,7 @@ pub fn run_node(role: Role, config: &NodeConfig) -> Result<(), NodeError> {
     run_node_until(role, config, &stop).map(drop)
 }
 
-/// As [`run_node`], with the end asked for by `stop`; returns the node's last report.
+/// Runs a node as [`run_node`], until `stop` is set; returns the node's last report.
 ///
 /// # Errors
 /// As [`run_node`].
@@ -94,7 +94,7 @@ pub(crate) fn run_plant(bus: &Bus, plant: &mut Plant, stop: &StopFlag) -> Result
             plant.stop();
         }
         let turn = if let Some(deadline) = plant.deadline() {
-            // The command is awaited only to know when it came; the step is taken at the deadline.
+            // The command is awaited only to record its arrival; the step is done at the deadline.
             bus.wait_until(deadline.instant(), || {
                 Ok::<_, NodeError>(plant.turn(&mut clock)? == Turn::Worked || stop.is_set())
             })?;
@@ -126,7 +126,7 @@ fn run_follower(bus: &Bus, mut node: impl Follower, stop: &StopFlag) -> Result<H
             }
             Ok::<_, NodeError>(node.turn(&mut clock)? == Turn::Worked || stop.is_set())
         })?;
-        // The answer's own time stamp says whether a report is due; no further look at the clock is needed.
+        // The answer's own time stamp shows whether a report is due; the clock need not be read again.
         if !worked || node.is_starting() || node.is_due(clock.last()) {
             node.housekeeping(Instant::now())?;
         }

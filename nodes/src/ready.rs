@@ -1,4 +1,4 @@
-//! Reports readiness: the last thing that a node does before it runs.
+//! Reports readiness, the last action of a node before it runs.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,13 +10,14 @@ use crate::os::{apply_realtime, notify_ready, wake_when_due};
 
 static READY: AtomicBool = AtomicBool::new(false);
 
-/// Whether this process is a node that has become ready. What goes wrong from then on is not what the user gave it.
+/// True when this process is a node that has become ready. Later errors are not due to the user's input.
 pub fn is_ready() -> bool {
     READY.load(Ordering::Relaxed)
 }
 
-/// Takes the node's priority and tells the launcher that it is ready. After the ports are open, because threads of the transport must not run at the node's priority. `more` are
-/// locators beside those of `bus`.
+/// Sets the node's priority and notifies the launcher of its readiness; to be called after the ports are
+/// open, because threads of the transport must not run at the node's priority. `more` are locators besides
+/// those of `bus`.
 pub(crate) fn get_ready(
     role: Role,
     config: &NodeConfig,

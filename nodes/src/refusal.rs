@@ -1,8 +1,8 @@
-//! What a request from outside asked for, and why it is refused, in words.
+//! Texts on requests from outside and the reasons for their refusal.
 
 use whirlstand_msgs::{AdjustmentKind, AdjustmentVerdict};
 
-/// Why a request is refused, as a sentence; `key` opens the node.
+/// Reason for the refusal of a request, as a sentence; `key` is the launch-file key that allows requests.
 pub fn refusal(verdict: AdjustmentVerdict, key: &str) -> String {
     match verdict {
         AdjustmentVerdict::Asked | AdjustmentVerdict::Done => "it is not refused".into(),
@@ -22,7 +22,7 @@ pub fn refusal(verdict: AdjustmentVerdict, key: &str) -> String {
     }
 }
 
-/// What was asked for.
+/// Name of the requested change.
 pub(crate) fn name(kind: AdjustmentKind) -> &'static str {
     match kind {
         AdjustmentKind::Gust => "a gust",

@@ -1,4 +1,4 @@
-//! What every node derives from the configuration before it opens a port.
+//! Data that every node derives from the configuration before it opens a port.
 
 use std::path::Path;
 
@@ -11,14 +11,14 @@ use crate::error::NodeError;
 use crate::gate::InputLimits;
 use crate::signals::{OutputMap, input_limits};
 
-/// The vehicle as the bench knows it.
+/// The vehicle of a bench, with its model and signal map.
 #[derive(Debug, Clone)]
 pub struct Setup {
-    /// The vehicle file's vehicle, without the effects of the launch file.
+    /// Vehicle of the vehicle file, without the effects of the launch file.
     pub vehicle: Vehicle,
-    /// What law and filter take it for.
+    /// Model of the vehicle for law and filter.
     pub model: Vehicle,
-    /// Where its outputs travel.
+    /// Message fields of its outputs.
     pub map: OutputMap,
     /// Limits of its inputs.
     pub limits: InputLimits,
@@ -44,7 +44,7 @@ impl Setup {
         Ok(Self { vehicle, model, map, limits })
     }
 
-    /// The vehicle that law and filter believe in, which must have the signals of the one that flies.
+    /// The model of law and filter, which must have the signals of the vehicle.
     fn model_of(source: &VehicleSource, vehicle: &Vehicle) -> Result<Vehicle, NodeError> {
         let origin = source.origin.clone();
         let refuse = |reason: String| NodeError::Vehicle { origin: origin.clone(), reason };
@@ -56,7 +56,7 @@ impl Setup {
         Ok(model)
     }
 
-    /// The vehicle as laws and filters see it.
+    /// The plant for laws and filters.
     ///
     /// # Errors
     /// [`NodeError::Design`] for a vehicle that cannot be controlled at this period.
@@ -64,7 +64,7 @@ impl Setup {
         Self::plant_of(&self.model, Self::period_s(config))
     }
 
-    /// Any vehicle as laws and filters see it, whether or not the bus carries its outputs.
+    /// The plant of any vehicle for laws and filters, whether or not the bus has its outputs.
     ///
     /// # Errors
     /// [`NodeError::Design`] for a vehicle that cannot be controlled at this period.
@@ -88,7 +88,7 @@ impl Setup {
             .map_err(|e| refuse(e.to_string()))
     }
 
-    /// A design that failed.
+    /// Error of a failed design.
     pub(crate) fn refuse(&self, what: &str, reason: &dyn std::fmt::Display) -> NodeError {
         let vehicle = self.vehicle.name.clone();
         NodeError::Design { what: what.into(), vehicle, reason: reason.to_string() }
@@ -99,7 +99,7 @@ impl Setup {
         config.period_ns as f64 * 1e-9
     }
 
-    /// How a node of this bench joins the bus.
+    /// Configuration with which a node of this bench joins the bus.
     pub fn bus_config(config: &NodeConfig, role: Role) -> BusConfig {
         BusConfig {
             bench: config.bench.clone(),
@@ -114,8 +114,8 @@ impl Setup {
     }
 }
 
-/// Step from which something that begins at `at_s` is in force: the first whose time is not before it. A time
-/// within a billionth of a period of a step belongs to that step.
+/// First step at which something that begins at `at_s` is in force: the first whose time is not before it. A
+/// time within a billionth of a period of a step belongs to that step.
 pub(crate) fn step_at(at_s: f64, period_ns: u64) -> u64 {
     (at_s * 1e9 / period_ns as f64 - 1e-9).ceil().max(0.0) as u64
 }

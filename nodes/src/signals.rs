@@ -1,4 +1,4 @@
-//! How a vehicle's named signals travel in the fixed messages of the bus.
+//! Mapping of a vehicle's named signals to the fixed messages of the bus.
 
 use whirlstand_bridge::vehicle::FIELDS;
 use whirlstand_msgs::{Head, Imu, MAX_INPUTS, MAX_OUTPUTS, MAX_STATES, Message, Odometry, Outputs, valid};
@@ -7,28 +7,28 @@ use whirlstand_vehicle::Vehicle;
 use crate::error::NodeError;
 use crate::gate::InputLimits;
 
-/// Number of fields in front of those of `Odometry`.
+/// Number of `Imu` fields, which come before those of `Odometry`.
 const IMU_FIELDS: usize = 6;
 
-/// Fields that share a validity bit.
+/// Number of fields that share a validity bit.
 const GROUP: usize = 3;
 
 /// The validity bit of each group, within its message.
 const GROUP_BITS: [u32; FIELDS.len() / GROUP] = [valid::FIRST, valid::SECOND, valid::FIRST, valid::SECOND];
 
-/// What the sensors report at one step.
+/// Measurements of all sensors at one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measurement {
-    /// Attitude and rates; every step has one, because it is what the others wait for.
+    /// Attitude and rates; every step has this message, because the others wait for it.
     pub imu: Imu,
     /// Position and velocity.
     pub odometry: Odometry,
-    /// Outputs that have no field of their own.
+    /// Outputs without a named field.
     pub outputs: Outputs,
 }
 
 impl Measurement {
-    /// Nothing measured.
+    /// An empty measurement.
     pub fn zeroed() -> Self {
         Self { imu: Imu::zeroed(), odometry: Odometry::zeroed(), outputs: Outputs::zeroed() }
     }
@@ -58,19 +58,19 @@ impl Measurement {
     }
 }
 
-/// Where an output travels.
+/// Message location of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
-    /// In the field of `Imu` or `Odometry` of its name, an index into [`FIELDS`].
+    /// The field of `Imu` or `Odometry` with its name, as an index into [`FIELDS`].
     Field(usize),
-    /// In `Outputs`, under its number in the vehicle file.
+    /// `Outputs`, at its index in the vehicle file.
     Numbered,
 }
 
-/// The message field in which each output of a vehicle travels.
+/// The message field of each output of a vehicle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OutputMap {
-    /// Place of output i.
+    /// Location of output i.
     places: Vec<Place>,
 }
 
@@ -105,17 +105,17 @@ impl OutputMap {
         Ok(Self { places })
     }
 
-    /// Whether any output travels in `Odometry`.
+    /// True when an output is in `Odometry`.
     pub fn has_odometry(&self) -> bool {
         self.places.iter().any(|p| matches!(p, Place::Field(f) if *f >= IMU_FIELDS))
     }
 
-    /// Whether any output travels in `Outputs`.
+    /// True when an output is in `Outputs`.
     pub fn has_outputs(&self) -> bool {
         self.places.contains(&Place::Numbered)
     }
 
-    /// Puts measured outputs, SI, into messages. The caller fills in the heads.
+    /// Writes measured outputs, SI, to messages. The caller fills in the heads.
     pub fn fill(&self, y: &[f64], fresh: &[bool]) -> Measurement {
         let mut values = [0.0; FIELDS.len()];
         let mut bits = [0; GROUP_BITS.len()];
@@ -142,8 +142,8 @@ impl OutputMap {
         measurement
     }
 
-    /// Reads outputs back. An output is fresh when its validity bit is set and its value is finite; returns
-    /// false when a value claimed to be fresh is not finite.
+    /// Reads outputs from messages. An output is fresh when its validity bit is set and its value is finite;
+    /// returns false when a value marked as fresh is not finite.
     pub fn read(&self, measurement: &Measurement, y: &mut [f64], fresh: &mut [bool]) -> bool {
         let values = measurement.fields();
         let (imu, odometry) = (measurement.imu.valid, measurement.odometry.valid);
@@ -162,7 +162,7 @@ impl OutputMap {
     }
 }
 
-/// Checks that a vehicle's signals have room in the messages.
+/// Checks that a vehicle's signals fit into the messages.
 ///
 /// # Errors
 /// [`NodeError::NotOnBus`].

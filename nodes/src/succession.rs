@@ -1,7 +1,8 @@
-//! What mirror and controller agree on when a law changes in flight.
+//! Conventions of mirror and controller for a change of the law in flight.
 //!
-//! A mirror that says so at step k names the cause; the controller designs the law for it by itself, beside the loop, and by the same
-//! rules that the mirror has checked it with. Nothing but a finding travels, so that its log says which law flew.
+//! At step k the mirror publishes a finding that names the cause; the controller designs the law for it by
+//! itself, beside the loop, by the same rules with which the mirror has evaluated it. Only the finding is
+//! transmitted, so that its log determines which law was in charge.
 
 use whirlstand_msgs::{Finding, text_of};
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
@@ -9,14 +10,15 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 use crate::config::NodeConfig;
 use crate::setup::Setup;
 
-/// Steps that a lockstep plant may be ahead of a mirror that changes laws.
+/// Largest number of steps by which a lockstep plant may be ahead of a mirror that changes laws.
 pub const WINDOW: u64 = 64;
 
-/// Steps from the word of the mirror to the first at which the new law flies along: in lockstep the word has reached the controller
-/// by then, whatever the machine does, so that a run repeats itself bit for bit.
+/// Number of steps from the mirror's finding to the first at which the new law runs in parallel: in lockstep
+/// the finding has reached the controller by then, whatever the machine does, so that a run is reproducible
+/// bit for bit.
 pub const READY: u64 = WINDOW + 32;
 
-/// The effect that a finding names; `None` for one that is no part of a linear vehicle, or whose name did not fit.
+/// The effect of a finding; `None` for one that is no part of a linear vehicle, or whose name was truncated.
 fn effect_of(finding: &Finding) -> Option<Effect> {
     let kind = Kind::from_name(text_of(&finding.effect)).ok()?;
     let (place, onto) = (text_of(&finding.place), text_of(&finding.onto));
@@ -31,7 +33,7 @@ fn effect_of(finding: &Finding) -> Option<Effect> {
     Effect::new(kind, &place, &values).ok()
 }
 
-/// The vehicle with the cause that a finding names.
+/// The vehicle with the cause of a finding.
 ///
 /// # Errors
 /// A sentence when no law can be designed for it.
@@ -43,17 +45,17 @@ pub fn extended(model: &Vehicle, finding: &Finding) -> Result<Vehicle, String> {
     Ok(vehicle)
 }
 
-/// What a law is designed from: the bench as it is, with another belief.
+/// Setup for the design of a law: the same bench with another model.
 pub fn believing(setup: &Setup, model: Vehicle) -> Setup {
     Setup { model, ..setup.clone() }
 }
 
-/// The first step at which a law flies along that the mirror told of at `step`.
+/// First step at which a law announced at `step` runs in parallel.
 pub fn ready_at(step: u64) -> u64 {
     step + READY
 }
 
-/// Steps in `seconds`.
+/// Number of steps in `seconds`.
 pub fn steps(config: &NodeConfig, seconds: f64) -> u64 {
     (seconds / Setup::period_s(config)).ceil() as u64
 }

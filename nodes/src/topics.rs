@@ -1,4 +1,4 @@
-//! Which role publishes which topic: what a protected bench allows.
+//! Topics that each role publishes, for the access control of a protected bench.
 
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, Message, Odometry, Outputs,
@@ -8,7 +8,7 @@ use whirlstand_msgs::{
 use crate::config::Role;
 use crate::mirror::PACE_TOPIC;
 
-/// The topics that a role publishes, beside its `Health`.
+/// Topics that a role publishes, besides its `Health`.
 pub fn published_by(role: Role) -> &'static [&'static str] {
     match role {
         Role::Plant => &[
@@ -27,7 +27,7 @@ pub fn published_by(role: Role) -> &'static [&'static str] {
     }
 }
 
-/// Every topic that belongs to a role, and `health`: no other program has anything to say there.
+/// All topics of the roles, and `health`: no other program may publish on them.
 pub fn of_the_loop() -> Vec<&'static str> {
     let roles = Role::ALL.into_iter().flat_map(published_by).copied();
     roles.chain([Health::TOPIC]).collect()

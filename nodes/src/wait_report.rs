@@ -1,23 +1,24 @@
-//! Whom a node waits for while its bench stands still: told to the launcher, which shows it with the time that it takes.
+//! Reports for whom a node waits while its bench stands still, to the launcher, which shows it with the
+//! waiting time.
 
 use std::time::{Duration, Instant};
 
 use crate::os::notify_status;
 
-/// What a status begins with that says whom its node waits for.
+/// Prefix of a status that reports a wait.
 pub const WAITING_FOR: &str = "waiting for ";
 
-/// Time between two looks whether it is still the same.
+/// Time between two updates of the report.
 const LOOK: Duration = Duration::from_millis(250);
 
-/// Time between two log lines of a node that has no launcher.
+/// Time between two log lines of a node without a launcher.
 const REPEAT: Duration = Duration::from_secs(5);
 
-/// Tells whom a node waits for, once for each that it waits for. A node without a launcher writes it into its log instead,
-/// every few seconds.
+/// Reports for whom a node waits, once per change. A node without a launcher logs it instead, every few
+/// seconds.
 #[derive(Debug)]
 pub(crate) struct WaitReport {
-    /// `None` while the node waits for nobody.
+    /// Awaited nodes; `None` while the node does not wait.
     whom: Option<String>,
     since: Instant,
     look: Instant,
@@ -26,12 +27,12 @@ pub(crate) struct WaitReport {
 }
 
 impl WaitReport {
-    /// Nobody is waited for.
+    /// A report without a wait.
     pub fn new(now: Instant) -> Self {
         Self { whom: None, since: now, look: now, logged: now, has_launcher: true }
     }
 
-    /// The node waits, for whom `whom` says.
+    /// Reports that the node waits; `whom` returns the awaited nodes.
     pub fn tell(&mut self, now: Instant, whom: impl FnOnce() -> String) {
         if now < self.look {
             return;
@@ -49,7 +50,7 @@ impl WaitReport {
         }
     }
 
-    /// The node waits for nobody any more.
+    /// Reports that the wait is over.
     #[inline]
     pub fn over(&mut self) {
         if self.whom.take().is_some() {

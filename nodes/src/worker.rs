@@ -1,4 +1,5 @@
-//! A thread beside the loop that is handed things to do. Handing over neither allocates nor takes a lock, so that a step may.
+//! A worker thread beside the loop. Submitting work neither allocates nor takes a lock, so that a step may do
+//! it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,17 +12,18 @@ struct Shared<T> {
     is_closed: AtomicBool,
 }
 
-/// A thread that does one thing after the other, until this is dropped.
+/// A thread that processes items in order, until this is dropped.
 pub(crate) struct Worker<T> {
     shared: Arc<Shared<T>>,
     thread: Thread,
 }
 
 impl<T: Send + 'static> Worker<T> {
-    /// Starts it, with room for `depth` things that wait. Before the node takes its priority, which the thread must not have.
+    /// Starts the thread, with a queue of `depth` items; before the node takes its priority, which the thread
+    /// must not have.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system.
     pub fn start(
         name: &str,
         depth: usize,
@@ -30,7 +32,8 @@ impl<T: Send + 'static> Worker<T> {
         let shared = Arc::new(Shared { queue: ArrayQueue::new(depth), is_closed: AtomicBool::new(false) });
         let at_work = shared.clone();
         let turn = move || {
-            // What was handed over before the end is done. A wake-up between the look and `park` is not lost.
+            // Items submitted before the end are processed. A wake-up between the check and `park` is not
+            // lost.
             while let Some(next) = at_work.next() {
                 work(next);
             }
@@ -39,7 +42,7 @@ impl<T: Send + 'static> Worker<T> {
         Ok(Self { shared, thread })
     }
 
-    /// Hands something over; given back when as much waits as there is room for.
+    /// Submits an item; returned when the queue is full.
     pub fn hand(&self, something: T) -> Result<(), T> {
         let handed = self.shared.queue.push(something);
         self.thread.unpark();
@@ -48,7 +51,7 @@ impl<T: Send + 'static> Worker<T> {
 }
 
 impl<T> Shared<T> {
-    /// The next thing, when it has come; `None` at the end.
+    /// The next item, when it has arrived; `None` at the end.
     fn next(&self) -> Option<T> {
         loop {
             let is_closed = self.is_closed.load(Ordering::Acquire);

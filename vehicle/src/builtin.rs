@@ -1,4 +1,4 @@
-//! The vehicles that are part of the program.
+//! Built-in vehicles.
 
 use whirlstand_msgs::names::did_you_mean;
 
@@ -12,7 +12,8 @@ const FILES: &[(&str, &str)] = &[
     ("helicopter-lateral", include_str!("../vehicles/helicopter-lateral.toml")),
 ];
 
-/// Structures of the paper without numbers, for identification: no vehicles, since nothing moves before the fit.
+/// The paper's model structures without numbers, as templates for identification; not vehicles, since they do
+/// not move before a fit.
 const TEMPLATES: &[(&str, &str)] = &[
     ("quadrotor-structure", include_str!("../vehicles/quadrotor-structure.toml")),
     ("helicopter-structure", include_str!("../vehicles/helicopter-structure.toml")),
@@ -34,10 +35,10 @@ pub(crate) fn text(name: &str) -> Option<&'static str> {
 }
 
 impl Vehicle {
-    /// The built-in vehicle of that name.
+    /// The built-in vehicle with the given name.
     ///
     /// # Errors
-    /// [`VehicleError::Unknown`] when there is none; the message names the nearest and lists all.
+    /// [`VehicleError::Unknown`] for an unknown name; the message suggests the nearest and lists all.
     pub fn builtin(name: &str) -> Result<Self, VehicleError> {
         let text = text(name).ok_or_else(|| VehicleError::Unknown {
             name: name.into(),

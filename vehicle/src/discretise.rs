@@ -6,30 +6,30 @@ use nalgebra::DMatrix;
 
 use crate::doubling::Balanced;
 
-/// 1-norm of A over the period up to which one exponential of a block matrix tells all. Such a block may hold exp(-A t),
-/// whose size here is e at most: what it costs is one digit.
+/// 1-norm of A times the period up to which one exponential of a block matrix suffices. Such a block may
+/// contain exp(-A t), whose norm is then at most e: the loss is one digit.
 const GENTLE: f64 = 1.0;
 
-/// Largest 1-norm of A over the period, and of a matrix of which an exponential is taken: its tenth power, from which the
-/// number of squarings is told, must stay below the largest number.
+/// Largest 1-norm of A times the period, and of a matrix whose exponential is computed: its tenth power, from
+/// which the number of squarings follows, must not overflow.
 const LARGEST_NORM: f64 = 1e30;
 
-/// Why a matrix exponential cannot be given.
+/// Reason why a matrix exponential cannot be computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DiscretiseError {
     /// An entry of a matrix, or of the result, is not finite.
     #[error("the matrix exponential over one period is not finite")]
     NotFinite,
-    /// The matrices do not fit each other.
+    /// The matrices have incompatible shapes.
     #[error("A must be square and B must have as many rows")]
     Shape,
 }
 
 /// Transition and input matrix of dx/dt = A x + B u over `period_s` with u held: x+ = Phi x + Gamma u.
 ///
-/// Both come from one exponential of [A B; 0 0], so A may be singular; for a stiff plant, from a short step that is
-/// doubled. The error is a few units in the last place of the largest entry, in units that make rows and columns of A alike
-/// in size, whatever lies between the slowest and the fastest mode.
+/// Both follow from one exponential of [A B; 0 0], so A may be singular; for a stiff plant, from a short step
+/// that is doubled. The error is a few units in the last place of the largest entry, in units that balance
+/// rows and columns of A, for any ratio of the slowest to the fastest mode.
 ///
 /// # Errors
 /// [`DiscretiseError::Shape`] unless `a` is n x n and `b` n x m; [`DiscretiseError::NotFinite`] when an entry is
@@ -59,9 +59,9 @@ pub fn discretise(
 /// The Gramian of a finite horizon, the integral of exp(A t) W exp(A' t) over t from 0 to `horizon_s`, n x n and
 /// symmetric.
 ///
-/// With W the density of white noise on the derivatives it is the covariance that the states gather over the horizon;
-/// with A transposed and W a weight it is the cost of what the states do over it. It comes from the exponential of
-/// [-A W; 0 A'] where exp(-A t) stays small, else from a short step that is doubled.
+/// With W the density of white noise on the derivatives it is the covariance of the states after the horizon;
+/// with A transposed and W a weight it is the cost of the states' free motion over it. It is computed from
+/// the exponential of [-A W; 0 A'] where exp(-A t) stays small, else from a short step that is doubled.
 ///
 /// # Errors
 /// [`DiscretiseError::Shape`] unless `a` and `w` are n x n; [`DiscretiseError::NotFinite`] when an entry is not finite
@@ -88,13 +88,13 @@ pub fn finite_horizon_gramian(
     finite((&gramian + gramian.transpose()) * 0.5)
 }
 
-/// Whether the plant's modes move little within the period.
+/// True when the 1-norm of A times the period is small.
 fn is_gentle(a: &DMatrix<f64>, period_s: f64) -> Result<bool, DiscretiseError> {
     let norm = one_norm(a) * period_s.abs();
     if norm <= LARGEST_NORM { Ok(norm <= GENTLE) } else { Err(DiscretiseError::NotFinite) }
 }
 
-/// Largest sum of a column's magnitudes; NaN when an entry is.
+/// Maximum column sum of magnitudes; NaN when an entry is.
 fn one_norm(m: &DMatrix<f64>) -> f64 {
     m.column_iter().map(|c| c.lp_norm(1)).fold(0.0, |a: f64, b| if b <= a { a } else { b })
 }

@@ -1,22 +1,24 @@
-//! One sample period by a short step, doubled until it is the whole: exact for slow and fast modes at once.
+//! Discretisation over one sample period by a short step that is doubled repeatedly: accurate for slow and
+//! fast modes at once.
 //!
-//! The short step is told by power series, in which nothing cancels, and a doubled step adds what the first half has
-//! gathered, carried on over the second, to what that gathers. exp(-A t), which overflows for a mode that decays within
-//! the period, appears nowhere. What is doubled is exp(A t) - I, which keeps the digits of modes that hardly move.
+//! The short step is computed by power series without cancellation; doubling adds the contribution of the
+//! first half, propagated over the second, to that of the second. exp(-A t), which overflows for a mode that
+//! decays within the period, does not occur. The doubled quantity is exp(A t) - I, which keeps the digits of
+//! slow modes.
 
 use nalgebra::DMatrix;
 use whirlstand_linalg::balancing_exponents;
 
-/// 1-norm of A over the short step, at most.
+/// Largest 1-norm of A times the short step.
 const SHORT: f64 = 0.5;
 
-/// Terms of the series of the transition; the next is 4e-17 of the first at [`SHORT`].
+/// Number of terms of the transition's series; the next is 4e-17 of the first at [`SHORT`].
 const TRANSITION_TERMS: u32 = 13;
 
-/// Terms of the series of the Gramian, whose operator has twice the norm.
+/// Number of terms of the Gramian's series, whose operator has twice the norm.
 const GRAMIAN_TERMS: u32 = 17;
 
-/// A model over a step, in units in which the rows and columns of A are of one size.
+/// A model over a step, in units in which the rows and columns of A have similar magnitudes.
 pub struct Balanced {
     /// A over the short step, n x n.
     x: DMatrix<f64>,
@@ -27,7 +29,7 @@ pub struct Balanced {
 }
 
 impl Balanced {
-    /// Prepares `a`, n x n, over `length_s`; the 1-norm of their product is a number.
+    /// Prepares `a`, n x n, over `length_s`; the 1-norm of their product must be finite.
     pub fn new(a: &DMatrix<f64>, length_s: f64) -> Self {
         let units: Vec<f64> = balancing_exponents(a).iter().map(|e| f64::powi(2.0, *e)).collect();
         let x = DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * length_s * (units[j] / units[i]));

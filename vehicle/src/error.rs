@@ -1,34 +1,34 @@
-//! What can be wrong with a vehicle, told in full sentences.
+//! Errors of vehicles, as full sentences.
 
 use std::path::PathBuf;
 
 use whirlstand_linalg::DecompositionError;
 use whirlstand_msgs::units::clean;
 
-/// Why a vehicle cannot be used.
+/// Reason why a vehicle cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum VehicleError {
     /// The file cannot be read.
     #[error("{}: cannot be read: {source}", file.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The text is not a vehicle file.
     #[error(transparent)]
     File(#[from] FileError),
-    /// Neither a built-in vehicle nor a file.
+    /// The name is neither a built-in vehicle nor a file.
     #[error(
         "there is no vehicle '{name}'{nearest}: the built-in ones are {known}; a path to a vehicle file (.toml) can also be given"
     )]
     Unknown {
-        /// What was asked for.
+        /// Requested name.
         name: String,
-        /// The nearest built-in name, as a question, or nothing.
+        /// The nearest built-in name as a question, or empty.
         nearest: String,
-        /// The built-in names.
+        /// Names of the built-in vehicles.
         known: String,
     },
     /// An effect does not fit the vehicle.
@@ -36,13 +36,13 @@ pub enum VehicleError {
     Effect(#[from] EffectError),
 }
 
-/// What is wrong in a vehicle file, and where.
+/// An error in a vehicle file, with its location.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}{}: {}{reason}", line.map(|l| format!(", line {l}")).unwrap_or_default(), field_prefix(field))]
 pub struct FileError {
-    /// The file, or what the text came from.
+    /// Path of the file, or the origin of the text.
     pub file: String,
-    /// Line, from 1, where it is known.
+    /// Line number, from 1, where known.
     pub line: Option<usize>,
     /// The field, for example `outputs[2].noise`; empty for the file as a whole.
     pub field: String,
@@ -54,14 +54,14 @@ fn field_prefix(field: &str) -> String {
     if field.is_empty() { String::new() } else { format!("{field}: ") }
 }
 
-/// What is wrong with an effect.
+/// An error of an effect.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EffectError {
     /// Name of the effect.
     pub effect: String,
-    /// Its place, as written.
+    /// Place of the effect, as written.
     pub place: String,
-    /// The key that is wrong, if it is one.
+    /// The wrong key, if it is a single one.
     pub field: Option<String>,
     /// What was expected, what was found and what to do.
     pub reason: String,
@@ -76,7 +76,7 @@ impl std::fmt::Display for EffectError {
             write!(f, " at '{}'", self.place)?;
         }
         match self.field.as_deref() {
-            // The reason quotes the key itself.
+            // The reason already quotes the key.
             Some(field) if !self.reason.starts_with('\'') && !self.reason.starts_with("there is no") => {
                 write!(f, ": {field} {}", self.reason)
             }
@@ -85,7 +85,7 @@ impl std::fmt::Display for EffectError {
     }
 }
 
-/// Why a simulation cannot be set up.
+/// Reason why a simulation cannot be set up.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulatorError {
     /// The sample period is not a positive, finite number.
@@ -97,24 +97,24 @@ pub enum SimulatorError {
         clean(*period_s)
     )]
     NotFinite {
-        /// The vehicle.
+        /// Name of the vehicle.
         vehicle: String,
-        /// The period.
+        /// Sampling period, s.
         period_s: f64,
     },
-    /// The poles of the vehicle with its filters, which say how fine a step has to be, cannot be computed.
+    /// The poles of the vehicle with its filters, which determine the step size, cannot be computed.
     #[error("the vehicle cannot be simulated, as its poles cannot be computed: {0}")]
     Poles(#[from] DecompositionError),
-    /// Too many effects that take other matrices have a window.
+    /// Too many effects that change the matrices have a window.
     #[error(
         "{found} delays, lags, modes, couplings, parameter changes and mode transitions have from_s or until_s, but \
          at most {most} are supported, as a step is precomputed for every combination; remove the window from some \
          of them"
     )]
     Windows {
-        /// How many have one.
+        /// Number of such effects.
         found: usize,
-        /// How many can.
+        /// Largest number of such effects.
         most: usize,
     },
     /// An effect does not fit the vehicle.
@@ -122,7 +122,7 @@ pub enum SimulatorError {
     Effect(#[from] EffectError),
 }
 
-/// `a, b, c`.
+/// Joins names as `a, b, c`.
 pub(crate) fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
     names.collect::<Vec<_>>().join(", ")
 }

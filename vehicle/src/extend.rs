@@ -1,4 +1,4 @@
-//! A vehicle with an effect more: whether the effect fits, and what a mode transition leads to.
+//! Adds effects to a vehicle, and resolves the target of a mode transition.
 
 use nalgebra::DMatrix;
 
@@ -10,7 +10,7 @@ impl Vehicle {
     /// Adds an effect.
     ///
     /// # Errors
-    /// When its place does not exist here, its units do not fit, or the vehicle of a mode transition cannot be
+    /// When its place does not exist in the vehicle, its units do not fit, or the vehicle of a mode transition cannot be
     /// found or has other states or inputs.
     pub fn add_effect(&mut self, effect: Effect) -> Result<(), EffectError> {
         self.check_effect(&effect)?;
@@ -18,10 +18,10 @@ impl Vehicle {
         Ok(())
     }
 
-    /// Adds an effect that was read from a file, as a person wrote it there.
+    /// Adds an effect as written in a file.
     ///
     /// # Errors
-    /// As [`Vehicle::add_effect`], and when a number without a unit could be meant in another unit than that of SI.
+    /// As [`Vehicle::add_effect`], and when a number without a unit is ambiguous.
     pub fn add_written_effect(&mut self, effect: Effect) -> Result<(), EffectError> {
         self.check_written_effect(&effect)?;
         self.effects.push(effect.confirmed());
@@ -41,7 +41,7 @@ impl Vehicle {
         Ok(place)
     }
 
-    /// A and B of the vehicle that a mode transition leads to, in the order of this vehicle's states and inputs.
+    /// A and B of the target vehicle of a mode transition, in the order of this vehicle's states and inputs.
     ///
     /// # Errors
     /// When the vehicle cannot be found, or lacks one of the states or inputs, or has more.

@@ -1,4 +1,4 @@
-//! Vehicles by name and by path.
+//! Finds vehicles by name or path.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ impl Vehicle {
         Ok(Self::parse(&text, &path.display().to_string())?)
     }
 
-    /// A vehicle by built-in name, or by path (anything that ends in `.toml` or contains a path separator).
+    /// A vehicle by built-in name, or by path (any text that ends in `.toml` or contains a path separator).
     ///
     /// # Errors
     /// As [`Vehicle::load`]; [`VehicleError::Unknown`] for a name that is not built in and no file.
@@ -25,7 +25,7 @@ impl Vehicle {
         Self::find_from(name_or_path, None)
     }
 
-    /// As [`Vehicle::find`], with relative paths taken from `folder`.
+    /// A vehicle as by [`Vehicle::find`], with relative paths resolved against `folder`.
     ///
     /// # Errors
     /// As [`Vehicle::find`].

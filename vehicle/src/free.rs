@@ -1,8 +1,8 @@
-//! What identification may change: free matrix entries and free parameters of effects, and where a fit came from.
+//! Free parameters for identification: matrix entries and parameters of effects, and the provenance of a fit.
 
 use crate::effects::{Effect, Matrix};
 
-/// What a free parameter stands for.
+/// Target of a free parameter.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Target {
     /// Entry of a matrix: matrix, row and column from 0.
@@ -14,26 +14,26 @@ pub enum Target {
 /// A free parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Free {
-    /// What it stands for.
+    /// Target of the parameter.
     pub target: Target,
-    /// Least value, SI.
+    /// Lower bound, SI.
     pub lower: f64,
-    /// Greatest value, SI.
+    /// Upper bound, SI.
     pub upper: f64,
-    /// Where the search starts, SI; `None` when the data shall give the start.
+    /// Start value of the search, SI; `None` when it follows from the data.
     pub start: Option<f64>,
 }
 
-/// Where a fitted vehicle comes from: key and value, in the order in which they are written.
+/// Provenance of a fitted vehicle: keys and values, in the order in which they are written.
 pub type Provenance = Vec<(String, String)>;
 
-/// Key of the provenance that says where the noise of the outputs comes from.
+/// Key of the provenance for the source of the outputs' noise.
 pub const SENSOR_NOISE: &str = "sensor_noise";
-/// Its value for noise that was estimated from a record in which the vehicle moved.
+/// Value of [`SENSOR_NOISE`] for noise estimated from a record in which the vehicle moved.
 pub const ESTIMATED_IN_MOTION: &str = "estimated from a record of the moving vehicle";
 
 impl Effect {
-    /// The range in which the table allows a parameter, SI.
+    /// Valid range of a parameter according to the table, SI.
     pub fn range(&self, name: &str) -> Option<(f64, f64)> {
         let parameter = self.kind().spec().parameters.iter().find(|p| p.name == name)?;
         Some((parameter.lower, parameter.upper))

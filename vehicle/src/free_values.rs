@@ -1,4 +1,4 @@
-//! Names and values of the parameters that identification may change, in a vehicle.
+//! Names and values of a vehicle's free parameters.
 
 use crate::effects::{Effect, Kind, Matrix};
 use crate::error::EffectError;
@@ -6,7 +6,7 @@ use crate::free::Target;
 use crate::model::Vehicle;
 
 impl Vehicle {
-    /// The name of a free parameter: `A[2,1]`, or `input_delay(u_roll).delay_s`.
+    /// Name of a free parameter: `A[2,1]`, or `input_delay(u_roll).delay_s`.
     pub fn free_name(&self, target: &Target) -> String {
         match target {
             Target::Entry(matrix, i, j) => format!("{matrix:?}[{},{}]", i + 1, j + 1),
@@ -17,7 +17,7 @@ impl Vehicle {
         }
     }
 
-    /// The value that a free parameter has now, SI.
+    /// Current value of a free parameter, SI.
     pub fn free_value(&self, target: &Target) -> f64 {
         match *target {
             Target::Entry(Matrix::A, i, j) => self.a[(i, j)],
@@ -30,10 +30,10 @@ impl Vehicle {
         }
     }
 
-    /// Gives a free parameter a value, SI.
+    /// Sets the value of a free parameter, SI.
     ///
     /// # Errors
-    /// When the effect's parameter cannot have that value.
+    /// When the value is invalid for the effect's parameter.
     pub fn set_free(&mut self, target: &Target, value: f64) -> Result<(), EffectError> {
         match *target {
             Target::Entry(Matrix::A, i, j) => self.a[(i, j)] = value,
@@ -49,7 +49,7 @@ impl Vehicle {
         Ok(())
     }
 
-    /// SI value of one in the unit of the vehicle file; 1 for parameters of effects, which are in SI there.
+    /// SI value of one unit of the vehicle file; 1 for parameters of effects, which are in SI there.
     pub fn free_factor(&self, target: &Target) -> f64 {
         let state = |i: usize| self.states[i].unit.factor();
         let input = |i: usize| self.inputs[i].unit.factor();
@@ -63,7 +63,8 @@ impl Vehicle {
         }
     }
 
-    /// The unit of a free parameter in the vehicle file, as it is shown beside a value; empty for a pure number.
+    /// Unit of a free parameter in the vehicle file, as shown beside a value; empty for a dimensionless
+    /// number.
     pub fn free_unit(&self, target: &Target) -> String {
         match *target {
             Target::Effect(index, name) => self
@@ -76,7 +77,7 @@ impl Vehicle {
         }
     }
 
-    /// The unit of a free parameter in SI; empty for a pure number.
+    /// SI unit of a free parameter; empty for a dimensionless number.
     pub fn free_unit_si(&self, target: &Target) -> String {
         match *target {
             Target::Effect(..) => self.free_unit(target),
@@ -85,7 +86,8 @@ impl Vehicle {
         }
     }
 
-    /// Weight of an output in a fit; 0 for one that is not fitted. Without `fit` in the file all weigh 1.
+    /// Weight of an output in a fit; 0 for one that is not fitted. Without `fit` in the file all weights are
+    /// 1.
     pub fn fit_weight(&self, output: &str) -> f64 {
         if self.fit.is_empty() {
             return 1.0;

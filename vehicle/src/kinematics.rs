@@ -1,4 +1,5 @@
-//! Rows of a model that are definitions: an angle is the integral of its rate, a position that of its speed.
+//! Kinematic rows of a model, which are definitions: an angle is the integral of its rate, a position that of
+//! its speed.
 
 use nalgebra::DMatrix;
 
@@ -6,8 +7,8 @@ use crate::effects::Matrix;
 use crate::free::Target;
 use crate::model::Vehicle;
 
-/// Of which other state j, times which coefficient c, state `i` of x' = A x + B u is the integral: `(j, c)`. `None` for
-/// a row with another entry, as one with a force in it has. A is n x n, B n x m.
+/// The state j and coefficient c for which state `i` of x' = A x + B u is the integral of c times state j:
+/// `(j, c)`. `None` for a row with another entry, such as one with a force. A is n x n, B n x m.
 pub fn kinematic_row(a: &DMatrix<f64>, b: &DMatrix<f64>, i: usize) -> Option<(usize, f64)> {
     let row = a.row(i);
     let mut others = (0..row.ncols()).filter(|j| row[*j] != 0.0);
@@ -18,10 +19,11 @@ pub fn kinematic_row(a: &DMatrix<f64>, b: &DMatrix<f64>, i: usize) -> Option<(us
 }
 
 impl Vehicle {
-    /// Of which other state j, times which coefficient c, state `i` is the integral by definition: `(j, c)`, SI.
+    /// The state j and coefficient c, SI, for which state `i` is the integral of c times state j by
+    /// definition: `(j, c)`.
     ///
-    /// Such a row of A (roll' = roll_rate) holds whatever the forces are: it has no process noise, no parameter to fit
-    /// and no cause to find. `None` for a row that is a model of forces, or of which an entry is free.
+    /// Such a row of A (roll' = roll_rate) holds whatever the forces are: it has no process noise, no
+    /// parameter to fit and no cause to find. `None` for a row that models forces, or with a free entry.
     pub fn kinematic_row(&self, i: usize) -> Option<(usize, f64)> {
         let entry =
             |target: &Target| matches!(target, Target::Entry(Matrix::A | Matrix::B, row, _) if *row == i);

@@ -1,4 +1,4 @@
-//! What is simulated: state-space models, effects, sensors and vehicle files.
+//! Vehicles and their simulation: state-space models, effects, sensors and vehicle files.
 //!
 //! A [`Vehicle`] is read from a vehicle file (`docs/vehicle-file.md`) or built in; a [`Simulator`] flies it.
 //!

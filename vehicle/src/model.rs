@@ -9,7 +9,7 @@ use whirlstand_msgs::units::ShownSignals;
 use crate::effects::Effect;
 use crate::signal_unit::SignalUnit;
 
-/// How many times the vehicle's largest scale a state may be, where the file gives no bound.
+/// Default bound of a state relative to the vehicle's largest scale, where the file gives none.
 const DEFAULT_BOUND_SCALES: f64 = 1e3;
 
 /// A state.
@@ -19,7 +19,8 @@ pub struct State {
     pub name: String,
     /// Unit declared in the file; values in memory are in SI.
     pub unit: SignalUnit,
-    /// Magnitude up to which the model holds, SI; `None` where the file says nothing ([`Vehicle::state_bounds`]).
+    /// Largest magnitude for which the model is valid, SI; `None` where the file gives none
+    /// ([`Vehicle::state_bounds`]).
     pub bound: Option<f64>,
 }
 
@@ -39,13 +40,13 @@ pub struct Input {
 }
 
 impl Input {
-    /// The value of rest, and of a failsafe: zero, or the limit nearest to it.
+    /// Neutral value, also used in a failsafe: zero, or the limit nearest to it.
     pub fn neutral(&self) -> f64 {
         0f64.max(self.lower).min(self.upper)
     }
 }
 
-/// What the engine does; vibration follows it.
+/// State of the engine, which determines the vibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Engine {
     /// Standing still.
@@ -57,7 +58,7 @@ pub enum Engine {
     Flying,
 }
 
-/// Vibration that reaches a sensor: a tone and its harmonics, as strong as the engine makes it.
+/// Vibration of a sensor: a tone and its harmonics, with an amplitude that depends on the engine's state.
 ///
 /// The output gets the sum over h of `amplitude * harmonics[h-1] * sin(h (2 pi frequency_hz t + phase_rad))`.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +67,7 @@ pub struct Vibration {
     pub frequency_hz: f64,
     /// Phase of the first harmonic at the record's start, rad.
     pub phase_rad: f64,
-    /// Amplitudes of the harmonics relative to the amplitude below, the first one first.
+    /// Amplitudes of the harmonics, the first one first, relative to the engine's amplitude.
     pub harmonics: Vec<f64>,
     /// Amplitude with the engine off, SI.
     pub off: f64,
@@ -77,7 +78,7 @@ pub struct Vibration {
 }
 
 impl Vibration {
-    /// The amplitude that belongs to the engine's state, SI.
+    /// Amplitude for the engine's state, SI.
     pub fn amplitude(&self, engine: Engine) -> f64 {
         match engine {
             Engine::Off => self.off,
@@ -86,7 +87,7 @@ impl Vibration {
         }
     }
 
-    /// Frequency in Hz and amplitude in SI of every harmonic that is there.
+    /// Frequency in Hz and amplitude in SI of every harmonic with a non-zero amplitude.
     pub fn tones(&self, engine: Engine) -> impl Iterator<Item = (f64, f64)> {
         let (first, amplitude) = (self.frequency_hz, self.amplitude(engine));
         let tones = self.harmonics.iter().zip(1u32..);
@@ -94,7 +95,7 @@ impl Vibration {
     }
 }
 
-/// An output, with its sensor.
+/// An output with its sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Output {
     /// Name, unique among outputs.
@@ -105,17 +106,17 @@ pub struct Output {
     pub noise: f64,
     /// Constant error of the sensor, SI.
     pub bias: f64,
-    /// Step to which the sensor rounds, SI; 0 for none.
+    /// Rounding step of the sensor, SI; 0 for none.
     pub quantization: f64,
-    /// The sensor delivers a new value every so many steps.
+    /// Number of steps between two new values of the sensor.
     pub every: u32,
-    /// Vibration that reaches the sensor.
+    /// Vibration of the sensor.
     pub vibration: Option<Vibration>,
 }
 
 impl Output {
-    /// Standard deviation of what the sensor adds, SI: declared noise, rounding (its step over the square root of 12), the
-    /// root mean square of the vibration, and the variance `added` by effects.
+    /// Standard deviation of the sensor's total error, SI: declared noise, rounding (its step over the square
+    /// root of 12), the root mean square of the vibration, and the variance `added` by effects.
     pub fn sensor_std(&self, engine: Engine, added: f64) -> f64 {
         let vibration = self.vibration.as_ref().map_or(0.0, |v| {
             let power = v.harmonics.iter().map(|h| h * h).sum::<f64>() / 2.0;
@@ -131,7 +132,7 @@ impl Output {
 pub struct Vehicle {
     /// Name; the file's stem when the file gives none.
     pub name: String,
-    /// One line for lists.
+    /// One-line description for lists.
     pub description: String,
     /// States, in the order of `a`.
     pub states: Vec<State>,
@@ -139,63 +140,66 @@ pub struct Vehicle {
     pub inputs: Vec<Input>,
     /// Outputs, in the order of the rows of `c`.
     pub outputs: Vec<Output>,
-    /// States by states.
+    /// System matrix A, states x states.
     pub a: DMatrix<f64>,
-    /// States by inputs.
+    /// Input matrix B, states x inputs.
     pub b: DMatrix<f64>,
-    /// Outputs by states.
+    /// Output matrix C, outputs x states.
     pub c: DMatrix<f64>,
-    /// Outputs by inputs.
+    /// Feed-through matrix D, outputs x inputs.
     pub d: DMatrix<f64>,
     /// Effects on the model; [`Vehicle::add_effect`] adds one.
     pub effects: Vec<Effect>,
-    /// What identification may change.
+    /// Free parameters for identification.
     pub free: Vec<crate::free::Free>,
     /// Outputs that identification fits, with their weights; all with weight 1 when empty.
     pub fit: Vec<(String, f64)>,
-    /// What logs call the signals, where that is not the vehicle's own name: signal and `NAME` or `NAME[unit]` of the log.
+    /// Names of signals in logs, where they differ from the vehicle's: signal, and `NAME` or `NAME[unit]` of
+    /// the log.
     pub map: Vec<(String, String)>,
-    /// Where a fitted vehicle comes from.
+    /// Provenance of a fitted vehicle.
     pub provenance: crate::free::Provenance,
-    /// The file's text as it was read; empty for a vehicle that was not read.
+    /// Text of the file as it was read; empty for a vehicle that was not read from a file.
     pub source_text: String,
     /// Folder against which paths in the file are resolved; `None` for built-in vehicles and texts.
     pub folder: Option<PathBuf>,
 }
 
 impl Vehicle {
-    /// Poles of the model without its effects, 1/s, by decreasing real part; the positive imaginary part of a pair first.
+    /// Poles of the model without its effects, 1/s, by decreasing real part; the positive imaginary part of a
+    /// pair first.
     ///
     /// # Errors
-    /// [`DecompositionError`] when A is so far from any scale that they cannot be computed.
+    /// [`DecompositionError`] when A is scaled so badly that they cannot be computed.
     pub fn poles(&self) -> Result<Vec<Complex<f64>>, DecompositionError> {
         eigenvalues(&self.a)
     }
 
-    /// True when the outputs' noise was estimated from a record in which the vehicle moved. It is what changes from sample to
-    /// sample then: no bound of what a sensor errs by, as a data sheet or a record at rest gives it.
+    /// True when the outputs' noise was estimated from a record in which the vehicle moved. It then describes
+    /// sample-to-sample changes and is no upper bound of the sensor's error, unlike that of a data sheet or
+    /// of a record at rest.
     pub fn sensor_noise_is_estimated(&self) -> bool {
         self.provenance
             .iter()
             .any(|(key, value)| key == crate::free::SENSOR_NOISE && value == crate::free::ESTIMATED_IN_MOTION)
     }
 
-    /// Index of the state of that name.
+    /// Index of the state with the given name.
     pub fn state_index(&self, name: &str) -> Option<usize> {
         self.states.iter().position(|s| s.name == name)
     }
 
-    /// Index of the input of that name.
+    /// Index of the input with the given name.
     pub fn input_index(&self, name: &str) -> Option<usize> {
         self.inputs.iter().position(|s| s.name == name)
     }
 
-    /// Index of the output of that name.
+    /// Index of the output with the given name.
     pub fn output_index(&self, name: &str) -> Option<usize> {
         self.outputs.iter().position(|s| s.name == name)
     }
 
-    /// How the values of each state, input and output are shown to a reader.
+    /// Units in which the values of each state, input and output are shown to a reader.
     pub fn shown_units(&self) -> ShownSignals {
         ShownSignals::new(
             self.states.iter().map(|s| (s.name.clone(), s.unit.shown())),
@@ -204,7 +208,8 @@ impl Vehicle {
         )
     }
 
-    /// Which signals differ in name or number from those of another vehicle: `states`, `inputs` or `outputs`.
+    /// The group of signals that differs in name or number from that of another vehicle: `states`, `inputs`
+    /// or `outputs`.
     pub fn signals_differ(&self, other: &Self) -> Option<&'static str> {
         let same = |a: &mut dyn Iterator<Item = &String>, b: &mut dyn Iterator<Item = &String>| a.eq(b);
         let pairs: [(&'static str, bool); 3] = [
@@ -224,8 +229,9 @@ impl Vehicle {
         pairs.into_iter().find(|(_, same)| !same).map(|(what, _)| what)
     }
 
-    /// Magnitude of every state up to which the model holds, SI: that of the file, or a thousand times the largest scale
-    /// of the vehicle. That is what inputs at their limits make of any state in a second, or a state at the start, or one.
+    /// Largest magnitude of every state for which the model is valid, SI: that of the file, or a thousand
+    /// times the largest scale of the vehicle. The latter is the largest of: the response of any state to
+    /// inputs at their limits within a second, an initial state, and one.
     pub fn state_bounds(&self, initial: &[f64]) -> Vec<f64> {
         let reach = |input: &Input| match input.lower.abs().max(input.upper.abs()) {
             most if most.is_finite() => most,

@@ -1,19 +1,20 @@
-//! Normal deviates a block at a time: the numbers of [`Stream::normal`] one by one, to the last bit, in vector registers.
+//! Normal deviates in blocks: bit-identical to [`Stream::normal`], computed in vector registers.
 //!
-//! Most uniform numbers lie where the quantile is one ratio of polynomials. The others, about one in seven, are gathered, and
-//! need a logarithm; it is that of the `libm` crate, operation by operation, without its branches, which these numbers never take.
+//! Most uniform numbers lie where the quantile is one ratio of polynomials. The others, about one in seven,
+//! are collected, and need a logarithm; it is that of the `libm` crate, operation by operation, without
+//! branches that these numbers never take.
 
 use multiversion::multiversion;
 
 use crate::random::{CENTRE, MIDDLE, Stream, normal_quantile, ratio};
 
-/// Numbers in a block.
+/// Numbers per block.
 pub const BLOCK: usize = 64;
 
-/// Tails that are computed at once.
+/// Number of tails computed at once.
 const TAILS: usize = 8;
 
-/// The normal deviates of a stream that is used for nothing else.
+/// Normal deviates of a stream that has no other use.
 #[derive(Debug, Clone)]
 pub struct Normals {
     stream: Stream,
@@ -22,12 +23,12 @@ pub struct Normals {
 }
 
 impl Normals {
-    /// All normal deviates that `stream` has left.
+    /// All remaining normal deviates of `stream`.
     pub fn new(stream: Stream) -> Self {
         Self { stream, block: [0.0; BLOCK], next: BLOCK }
     }
 
-    /// As [`Stream::normal`].
+    /// The next deviate, as [`Stream::normal`].
     #[inline]
     pub fn next(&mut self) -> f64 {
         if self.next == BLOCK {
@@ -40,10 +41,10 @@ impl Normals {
     }
 }
 
-/// Normal quantiles of uniform numbers, in their place.
+/// Replaces uniform numbers by their normal quantiles.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
 fn quantiles(values: &mut [f64; BLOCK]) {
-    // What is no tail is overwritten by the next one.
+    // A number outside the tails is overwritten by the next one.
     let (mut tails, mut at, mut count) = ([0.0; BLOCK], [0; BLOCK], 0);
     for (i, p) in values.iter().enumerate() {
         (tails[count], at[count]) = (*p, i);
@@ -53,7 +54,7 @@ fn quantiles(values: &mut [f64; BLOCK]) {
         let q = *value - 0.5;
         *value = q * ratio(&CENTRE, 0.180_625 - q * q);
     }
-    // Whatever stands behind the last one is a uniform number or zero, and comes to nothing.
+    // Entries after the last tail are uniform numbers or zero, and their results are unused.
     for first in (0..count).step_by(TAILS) {
         let chunk: [f64; TAILS] = std::array::from_fn(|i| tails[first + i]);
         let computed = tail(&chunk);
@@ -63,7 +64,7 @@ fn quantiles(values: &mut [f64; BLOCK]) {
     }
 }
 
-/// Quantiles of numbers more than 0.425 from the middle; `None` for those very far out.
+/// Quantiles of numbers more than 0.425 from the middle; `None` for the extreme tails.
 #[inline(always)]
 fn tail(p: &[f64; TAILS]) -> [Option<f64>; TAILS] {
     let mut magnitude = [0.0; TAILS];
@@ -98,7 +99,7 @@ fn log(x: f64) -> f64 {
     /// High half of the square root of one half.
     const ROOT: u64 = 0x3fe6_a09e << 32;
     let bits = x.to_bits() + ((0x3ff0_0000 << 32) - ROOT);
-    // The exponent as a number, by way of the last bits of 2^52: no vector unit before AVX-512 converts 64-bit integers.
+    // Exponent as a number, by the last bits of 2^52: no vector unit before AVX-512 converts 64-bit integers.
     let exponent = f64::from_bits(0x4330_0000_0000_0000 | bits >> 52) - 4_503_599_627_370_496.0 - 1023.0;
     let f = f64::from_bits((bits & 0x000f_ffff_ffff_ffff) + ROOT) - 1.0;
     let half_square = 0.5 * f * f;

@@ -1,4 +1,4 @@
-//! Values that fit their unit but nothing that flies: they are refused and read back in two units.
+//! Plausibility of values that fit their unit but no vehicle: they are refused, with the value in two units.
 
 use whirlstand_msgs::units::{clean, number};
 
@@ -6,13 +6,14 @@ use crate::effects::Effect;
 use crate::error::EffectError;
 use crate::model::State;
 
-/// Largest attitude that can be asked for, deg. The models are linear about level flight and keep up none of it beyond.
+/// Largest valid attitude, deg. The models are linear about level flight and invalid beyond it.
 const LARGEST_ATTITUDE_DEG: f64 = 90.0;
 
-/// Why the value `si` of a state, rad, is no attitude that a vehicle is flown to; `None` for all other states and values.
+/// Reason why the value `si` of a state, rad, is no attitude that a vehicle flies at; `None` for all other
+/// states and values.
 pub fn check_attitude(state: &State, si: f64) -> Option<String> {
     let is_attitude = ["roll", "pitch"].contains(&state.name.as_str()) && state.unit.si_symbol() == "rad";
-    // What is written as 90 deg may be a bit more in rad.
+    // 90 deg may be slightly more after conversion from rad.
     let is_beyond = si.to_degrees().abs() > LARGEST_ATTITUDE_DEG * (1.0 + 1e-12);
     (is_attitude && is_beyond).then(|| {
         format!(
@@ -28,7 +29,7 @@ impl Effect {
     /// Checks that a delay is shorter than `span`, for example `the run`, which lasts `span_s`.
     ///
     /// # Errors
-    /// With the delay in two units, when nothing would arrive before the end.
+    /// When no value would arrive before the end; the message gives the delay in two units.
     pub fn check_delay(&self, span_s: f64, span: &str) -> Result<(), EffectError> {
         match self.parameter("delay_s") {
             Some(delay) if delay > 0.0 && delay >= span_s => Err(EffectError {

@@ -1,9 +1,8 @@
-//! Random numbers: seeded, portable, one stream a consumer.
+//! Random numbers: seeded, portable, one stream per consumer.
 //!
 //! A [`Stream`] is ChaCha8 keyed by the run's seed, on the stream number that is the FNV-1a hash of the
-//! consumer's name. Whoever draws from one stream leaves all others as they are, so adding a sensor does not
-//! change another's noise. Everything is computed with IEEE operations and the `libm` crate, so the numbers are
-//! the same on every machine.
+//! consumer's name. Streams are independent, so adding a sensor does not change another's noise. Everything
+//! is computed with IEEE operations and the `libm` crate, so the numbers are the same on every machine.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -26,7 +25,7 @@ impl Stream {
         ((self.0.next_u64() >> 11) as f64 + 0.5) * STEP
     }
 
-    /// As [`Self::uniform`], one after the other.
+    /// Fills `out` with numbers of [`Self::uniform`].
     pub(crate) fn uniforms(&mut self, out: &mut [f64]) {
         out.iter_mut().for_each(|value| *value = self.uniform());
     }
@@ -68,7 +67,7 @@ pub(crate) type Ratio = [[f64; 8]; 2];
 
 #[inline(always)]
 pub(crate) fn ratio(r: &Ratio, x: f64) -> f64 {
-    // Estrin's scheme: the same polynomial as Horner's in a third of the waiting.
+    // Estrin's scheme: the same polynomial as Horner's with a third of the latency.
     let (x2, x4) = (x * x, x * x * (x * x));
     let pair = |c: &[f64; 8], i: usize| c[i] + c[i + 1] * x;
     let polynomial = |c: &[f64; 8]| (pair(c, 0) + x2 * pair(c, 2)) + x4 * (pair(c, 4) + x2 * pair(c, 6));
@@ -192,7 +191,8 @@ mod tests {
             correlation += x * before / f64::from(n);
             before = x;
         }
-        // Five standard errors: 1, sqrt 2, sqrt 15, sqrt 96 over sqrt n. The seed is fixed, the test does not flicker.
+        // Five standard errors: 1, sqrt 2, sqrt 15, sqrt 96 over sqrt n. The seed is fixed, so the test is
+        // deterministic.
         let bound = |std: f64| 5.0 * std / f64::from(n).sqrt();
         assert!(sums[0].abs() < bound(1.0), "{sums:?}");
         assert!((sums[1] - 1.0).abs() < bound(2f64.sqrt()), "{sums:?}");

@@ -1,26 +1,26 @@
-//! The unit of a signal, with the text by which a file declares it.
+//! Unit of a signal, with its text in the file.
 
 use std::fmt;
 use std::str::FromStr;
 
 use whirlstand_msgs::units::{Dimension, ShownUnit, Unit, UnitError, two_readings};
 
-/// A unit with the text it was declared by.
+/// A unit with the text that declares it.
 #[derive(Debug, Clone)]
 pub struct SignalUnit {
     text: String,
     unit: Unit,
-    /// No file declares it: it is that of an axis whose table names no unit.
+    /// True for a unit that no file declares: that of an axis whose table names no unit.
     implied: bool,
 }
 
 impl SignalUnit {
-    /// What kind of quantity it measures.
+    /// Dimension of the unit.
     pub fn dimension(&self) -> Dimension {
         self.unit.dimension()
     }
 
-    /// How many SI units one of it is.
+    /// SI value of one unit.
     pub fn factor(&self) -> f64 {
         self.unit.factor()
     }
@@ -30,12 +30,13 @@ impl SignalUnit {
         &self.unit
     }
 
-    /// Symbol of the SI unit in which values are held in memory; empty for a pure number.
+    /// Symbol of the SI unit in which values are held in memory; empty for a dimensionless number.
     pub fn si_symbol(&self) -> String {
         self.unit.si_symbol()
     }
 
-    /// How values are shown to a reader: as the file declares them; an angle that no file declares, in degrees.
+    /// Unit in which values are shown to a reader: as the file declares it; degrees for an angle that no file
+    /// declares.
     pub fn shown(&self) -> ShownUnit {
         if self.implied {
             ShownUnit::of(&self.si_symbol())
@@ -44,7 +45,7 @@ impl SignalUnit {
         }
     }
 
-    /// True for a pure number that is not written in another way, such as in per cent.
+    /// True for a dimensionless number without another notation such as per cent.
     pub fn is_one(&self) -> bool {
         self.unit == Unit::ONE
     }
@@ -55,12 +56,13 @@ impl SignalUnit {
         self
     }
 
-    /// Why a number without a unit cannot be taken for this signal, with both of its readings; `None` where it can.
+    /// Reason why a number without a unit is ambiguous for this signal, with both readings; `None` where it
+    /// is not.
     pub fn two_readings(&self, value: f64) -> Option<String> {
         if !self.implied {
             return two_readings(value, &self.unit, Some(&self.text));
         }
-        // Nobody declared SI for it, and an angle is more often meant in degrees.
+        // SI is not declared, and an angle is more often meant in degrees.
         let symbol = self.text.replacen("rad", "deg", 1);
         two_readings(value, &symbol.parse().ok()?, Some(&symbol))
     }
@@ -80,7 +82,7 @@ impl SignalUnit {
         Self { text, unit, implied: self.implied }
     }
 
-    /// This unit over another, and its text where one can be written: there are no brackets in units.
+    /// This unit divided by another, with its text where one can be written: units have no brackets.
     pub(crate) fn over(&self, other: &Self) -> (Unit, Option<String>) {
         if other.is_one() {
             return (self.unit, Some(self.text.clone()));
@@ -94,7 +96,7 @@ impl SignalUnit {
     }
 }
 
-/// Where a unit comes from makes it no other.
+/// Equality ignores where a unit was declared.
 impl PartialEq for SignalUnit {
     fn eq(&self, other: &Self) -> bool {
         self.text == other.text && self.unit == other.unit

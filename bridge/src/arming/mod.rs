@@ -1,9 +1,10 @@
 //! Arming: decides whether nobody, the pilot or the controller drives the outputs, and gives the reason.
 //!
 //! - Outputs are neutral until an explicit arm, and arming needs every condition of [`Conditions`].
-//! - The pilot's switch decides between manual and automatic, and always wins.
-//! - A condition that breaks in automatic ends it at once and for good: until the arm is taken off and given again,
-//!   or the pilot takes over. [`Policy::recover_after`] is the one exception, for a bench without a pilot.
+//! - The pilot's switch selects manual or automatic, and always has priority.
+//! - A condition that fails in automatic ends it at once and permanently: until the arm is removed and given
+//!   again, or the pilot takes over. [`Policy::recover_after`] is the one exception, for a bench without a
+//!   pilot.
 
 use std::time::Duration;
 
@@ -26,32 +27,32 @@ pub enum ArmBy {
 pub struct Policy {
     /// Event that arms the outputs.
     pub arm: ArmBy,
-    /// Greatest age of measurements that may be flown on.
+    /// Largest age of measurements for flight.
     pub stale: Duration,
-    /// With [`ArmBy::Start`]: arms again after the conditions held for so long.
+    /// With [`ArmBy::Start`]: rearms after the conditions held for this time.
     pub recover_after: Option<Duration>,
 }
 
-/// Conditions for arming, as they are now.
+/// Current conditions for arming.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Conditions {
-    /// The arm switch or the autopilot's report; unused with [`ArmBy::Start`].
+    /// State of the arm switch or of the autopilot's report; unused with [`ArmBy::Start`].
     pub arm: bool,
-    /// Whether messages come from the vehicle.
+    /// True while messages from the vehicle arrive.
     pub link: bool,
     /// Age of the attitude; `None` before the first.
     pub data_age: Option<Duration>,
-    /// Typical time between two attitudes; `None` before some have come.
+    /// Typical time between two attitudes; `None` before several have arrived.
     pub data_interval: Option<Duration>,
-    /// Whether the vehicle's own failsafe is inactive.
+    /// True while the vehicle's own failsafe is inactive.
     pub vehicle_well: bool,
-    /// Whether commands come in time.
+    /// True while commands arrive in time.
     pub commands: bool,
-    /// Whether the last command was finite.
+    /// True when the last command was finite.
     pub finite: bool,
-    /// Whether the estimate follows the measurements.
+    /// True while the estimate is consistent with the measurements.
     pub estimate: bool,
-    /// Whether no axis was seen to turn the other way than it is commanded.
+    /// True while no axis turns opposite to its command.
     pub signs: bool,
     /// State of the pilot's stick; `None` without a pilot.
     pub pilot: Option<PilotView>,
@@ -60,61 +61,61 @@ pub struct Conditions {
 /// State of the pilot's stick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PilotView {
-    /// Whether the stick is received and its receiver is not in failsafe.
+    /// True when the stick is received and its receiver is not in failsafe.
     pub present: bool,
-    /// Whether roll and pitch stand in the middle.
+    /// True when roll and pitch are centred.
     pub neutral: bool,
-    /// Whether the mode switch stands at automatic.
+    /// True when the mode switch is at automatic.
     pub automatic: bool,
 }
 
-/// Why the controller is not in charge.
+/// Reason why the controller is not in charge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Reason {
-    /// Nobody armed.
+    /// Arming was not requested.
     #[error("nobody has armed")]
     NotArmed,
-    /// The vehicle is not heard.
+    /// No messages from the vehicle.
     #[error("the link to the vehicle is down")]
     LinkDown,
     /// The newest attitude is too old.
     #[error("the vehicle's attitude is stale")]
     Stale,
-    /// The vehicle reports a failsafe or an emergency of its own.
+    /// The vehicle reports a failsafe or an emergency.
     #[error("the vehicle reports a failsafe")]
     VehicleFailsafe,
-    /// No command came in time.
+    /// No command arrived in time.
     #[error("commands arrive too late")]
     NoCommand,
     /// A command was not finite.
     #[error("the controller commanded something that is not a number")]
     NotFinite,
-    /// The estimate left the measurements.
+    /// The estimate is inconsistent with the measurements.
     #[error("the estimator diverges from what is measured")]
     Diverged,
-    /// An axis turns the other way than it is commanded.
+    /// An axis turns opposite to its command.
     #[error(
         "the vehicle answers its commands with the wrong sign; whirlstand bridge check finds the channel"
     )]
     WrongSign,
-    /// The pilot's stick is not heard.
+    /// The pilot's stick is not received.
     #[error("no messages arrive from the pilot's stick")]
     PilotLost,
-    /// The stick is not in the middle.
+    /// The stick is not centred.
     #[error("the pilot's stick is not in the middle")]
     StickNotNeutral,
-    /// This bridge itself was started again in the middle of a run.
+    /// This bridge was restarted during a run.
     #[error("the bridge was restarted: arm it again")]
     BridgeRestarted,
     /// The vehicle's clock went back.
     #[error("the vehicle restarted")]
     Restarted,
-    /// One attitude that is lost would leave none that may be flown on.
+    /// The attitude is so infrequent that after a single loss it is too old.
     #[error("the vehicle's attitude arrives too rarely")]
     TooRare,
 }
 
-/// Which source drives the outputs.
+/// Mode of arming: the source that drives the outputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// Nobody drives the outputs, which are neutral.
@@ -127,27 +128,27 @@ pub enum Mode {
     Failed(Reason),
 }
 
-/// State machine that decides which source drives the outputs.
+/// State machine of arming: decides which source drives the outputs.
 #[derive(Debug, Clone)]
 pub struct Arming {
     policy: Policy,
     mode: Mode,
-    /// The arm was seen off, so that on now means something.
+    /// True after the arm was off, so that a later on counts.
     seen_off: bool,
-    /// What stood in the way of an arm that was asked for.
+    /// Condition that prevented a requested arm.
     refused: Option<Reason>,
     good_since: Option<Duration>,
 }
 
 impl Arming {
-    /// A state machine that is disarmed.
+    /// A disarmed state machine.
     pub fn new(policy: Policy) -> Self {
         // An autopilot may be in the air when the bench starts; a switch must be moved.
         let seen_off = policy.arm != ArmBy::Switch;
         Self { policy, mode: Mode::Disarmed, seen_off, refused: None, good_since: None }
     }
 
-    /// The present mode.
+    /// The current mode.
     pub fn mode(&self) -> Mode {
         self.mode
     }
@@ -176,7 +177,7 @@ impl Arming {
         changed.then_some(next)
     }
 
-    /// Begins in the middle of a run, because the bridge before it died: what was armed then is not armed any more.
+    /// Begins during a run, because the previous bridge died: a previous arm does not count any more.
     pub fn come_back(&mut self) -> Mode {
         self.mode = Mode::Failed(Reason::BridgeRestarted);
         self.good_since = None;
@@ -245,7 +246,7 @@ impl Arming {
         if c.pilot.is_some_and(|p| p.present && !p.automatic) {
             return Mode::Manual;
         }
-        // Who could have taken over is gone too: that is worth telling, whatever broke first.
+        // The loss of the pilot, who could have taken over, is reported even after another failure.
         if broken == Some(Reason::PilotLost) && reason != Reason::PilotLost {
             return Mode::Failed(Reason::PilotLost);
         }

@@ -24,7 +24,7 @@ fn at(ms: u64) -> Duration {
     Duration::from_millis(ms)
 }
 
-/// Every way in which the conditions can break, with the reason that must be given.
+/// Every possible failure of the conditions, with the expected reason.
 fn breaks() -> [(Conditions, Reason); 7] {
     [
         (Conditions { link: false, ..GOOD }, Reason::LinkDown),

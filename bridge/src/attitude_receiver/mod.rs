@@ -1,5 +1,5 @@
-//! What an autopilot says of its own attitude, over its telemetry and not over the link that simulates its sensors: a
-//! check of the sensors needs it as a reference.
+//! Receives an autopilot's attitude estimate over its telemetry, not over the link of the simulated sensors,
+//! as a reference for a check of the sensors.
 
 use std::time::Duration;
 
@@ -10,13 +10,13 @@ use crate::mavlink::{Deframer, Encoder, Event, Header, MavMessage};
 use crate::msp::{self, Answer, Parser};
 use crate::sensors::wrapped;
 
-/// Between two heartbeats, and two requests for the attitude that were not obeyed.
+/// Time between two heartbeats, and between two unanswered requests for the attitude.
 const SECOND: Duration = Duration::from_secs(1);
-/// Between two questions in a protocol that answers but does not stream.
+/// Time between two queries in a protocol without streaming.
 const ASK: Duration = Duration::from_millis(50);
 /// Message number of ATTITUDE.
 const ATTITUDE: f32 = 30.0;
-/// Interval that is asked for, us.
+/// Requested interval, us.
 const INTERVAL_US: f32 = 20_000.0;
 
 /// The protocol of an autopilot's telemetry.
@@ -28,13 +28,13 @@ pub enum TelemetryProtocol {
     Msp,
 }
 
-/// What is kept of a conversation in each protocol.
+/// State of the conversation in each protocol.
 enum Conversation {
     Mavlink(Box<Station>),
     Msp(Parser),
 }
 
-/// A ground station.
+/// State of a MAVLink ground station.
 struct Station {
     deframer: Deframer,
     encoder: Encoder,
@@ -42,7 +42,7 @@ struct Station {
     next_beat: Duration,
 }
 
-/// Listens to one autopilot.
+/// Receives the attitude of one autopilot.
 pub struct AttitudeReceiver {
     conversation: Conversation,
     attitude: Option<([f64; 3], Duration)>,
@@ -50,7 +50,7 @@ pub struct AttitudeReceiver {
 }
 
 impl AttitudeReceiver {
-    /// A receiver that has heard nothing.
+    /// A receiver without data.
     pub fn new(protocol: TelemetryProtocol) -> Self {
         let conversation = match protocol {
             TelemetryProtocol::Mavlink => Conversation::Mavlink(Box::new(Station {
@@ -64,7 +64,8 @@ impl AttitudeReceiver {
         Self { conversation, attitude: None, next_ask: Duration::ZERO }
     }
 
-    /// Whether a datagram of somebody unknown is an autopilot's, by itself: it holds its heartbeat, or an answer.
+    /// True when a datagram of an unknown sender is, by itself, an autopilot's: it contains its heartbeat, or
+    /// an answer.
     pub fn recognises(&mut self, datagram: &[u8], now: Duration) -> bool {
         match &mut self.conversation {
             Conversation::Mavlink(station) => station.deframer.recognises(datagram, now, |_, message| {
@@ -79,7 +80,7 @@ impl AttitudeReceiver {
         }
     }
 
-    /// Somebody else speaks now: what the one before said counts no more.
+    /// Resets for another sender, as data of the previous one do not count any more.
     pub fn forget(&mut self) {
         self.attitude = None;
         if let Conversation::Mavlink(station) = &mut self.conversation {
@@ -87,7 +88,7 @@ impl AttitudeReceiver {
         }
     }
 
-    /// Takes in what the autopilot said; returns whether something of it was valid.
+    /// Decodes the autopilot's bytes; returns whether any of them were valid.
     pub fn receive(&mut self, bytes: &[u8], now: Duration) -> bool {
         let mut valid = false;
         match &mut self.conversation {
@@ -125,7 +126,7 @@ impl AttitudeReceiver {
         valid
     }
 
-    /// Appends what is to be said to the autopilot, to be called every few milliseconds.
+    /// Appends messages to the autopilot; to be called every few milliseconds.
     pub fn ask(&mut self, now: Duration, out: &mut Vec<u8>) {
         match &mut self.conversation {
             Conversation::Mavlink(station) => {
@@ -158,7 +159,8 @@ impl AttitudeReceiver {
         }
     }
 
-    /// Roll (right side down), pitch (nose up) and yaw (clockwise from above), rad, when they were said within `age`.
+    /// Roll (right side down), pitch (nose up) and yaw (clockwise from above), rad, unless they are older
+    /// than `age`.
     pub fn attitude(&self, age: Duration, now: Duration) -> Option<[f64; 3]> {
         let (angles, at) = self.attitude?;
         (now.saturating_sub(at) <= age).then(|| angles.map(wrapped))

@@ -1,4 +1,4 @@
-//! Launch-file options of an autopilot that flies the bench.
+//! Launch-file options of an autopilot that flies the bench's vehicle.
 
 use whirlstand_vehicle::Vehicle;
 
@@ -11,7 +11,7 @@ use crate::config::{BridgeConfig, BridgeKind, ConfigError};
 use crate::mixer::{FrameKind, Mixer, MixerOptions};
 use crate::sensors::{SensorOptions, StateMap};
 
-/// The autopilots.
+/// Kind of autopilot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AutopilotKind {
     /// PX4, as software or hardware in the loop.
@@ -22,10 +22,10 @@ pub enum AutopilotKind {
     BetaflightSitl,
 }
 
-/// Slowest loop that Betaflight flies in, Hz: its source (`updateState`) asks for more than 50.
+/// Lowest loop rate for Betaflight, Hz: its source (`updateState`) requires more than 50.
 const BETAFLIGHT_SLOWEST_HZ: f64 = 60.0;
 
-/// The parts that connect an autopilot to one vehicle.
+/// Parts that connect an autopilot to one vehicle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
     /// Indices of the vehicle's motion among its states.
@@ -39,26 +39,26 @@ pub struct Parts {
 /// All options of an autopilot in a bench.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AutopilotConfig {
-    /// Which autopilot.
+    /// Kind of autopilot.
     pub kind: AutopilotKind,
-    /// `[bridge.flight]`.
+    /// Table `[bridge.flight]`.
     pub flight: FlightOptions,
-    /// `[bridge.sensors]`.
+    /// Table `[bridge.sensors]`.
     pub sensors: SensorOptions,
-    /// `[bridge.mixer]`.
+    /// Table `[bridge.mixer]`.
     pub mixer: MixerOptions,
-    /// `[bridge.rc]`.
+    /// Table `[bridge.rc]`.
     pub rc: RcOptions,
-    /// `[bridge.px4]`.
+    /// Table `[bridge.px4]`.
     pub px4: Px4Options,
-    /// `[bridge.ardupilot]`.
+    /// Table `[bridge.ardupilot]`.
     pub ardupilot: ArdupilotOptions,
-    /// `[bridge.betaflight]`.
+    /// Table `[bridge.betaflight]`.
     pub betaflight: BetaflightOptions,
 }
 
 impl AutopilotConfig {
-    /// The autopilot of a bridge; `None` for a bridge that takes the plant's place.
+    /// The autopilot of a bridge; `None` for a bridge that replaces the plant.
     pub fn of(bridge: &BridgeConfig) -> Option<Self> {
         let kind = match bridge.kind {
             BridgeKind::Px4Hil => AutopilotKind::Px4Hil,
@@ -85,7 +85,7 @@ impl AutopilotConfig {
         match self.kind {
             AutopilotKind::Px4Hil => {
                 let line = self.px4.state_period_ns(1e9 / period_ns as f64, self.sensors.gps_hz);
-                // A line that carries less was refused with the other options.
+                // A slower serial line was refused with the other options.
                 let state_period_ns = line.unwrap_or(u64::MAX);
                 Box::new(Px4::with_state_period(self.px4.clone(), motors, state_period_ns))
             }
@@ -94,11 +94,11 @@ impl AutopilotConfig {
         }
     }
 
-    /// The parts that fly this vehicle, with every option checked.
+    /// The connecting parts for this vehicle, with every option checked.
     ///
     /// # Errors
-    /// [`ConfigError`] for a vehicle without attitude, a mixer that does not fit, channels, times or pulses that cannot
-    /// be, and what the protocol does not allow.
+    /// [`ConfigError`] for a vehicle without attitude, a mixer that does not fit, invalid channels, times or
+    /// pulses, and options that the protocol does not allow.
     pub fn parts(&self, vehicle: &Vehicle, lockstep: bool, rate_hz: f64) -> Result<Parts, ConfigError> {
         let wrong = |path: &[&str], message: String| Err(ConfigError::new(path, message));
         let names = vehicle.states.iter().map(|s| s.name.as_str());
@@ -165,7 +165,7 @@ impl AutopilotConfig {
 }
 
 impl AutopilotKind {
-    /// The autopilot's own name.
+    /// Name of the autopilot.
     pub fn autopilot(self) -> &'static str {
         match self {
             Self::Px4Hil => "PX4",

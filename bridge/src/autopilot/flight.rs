@@ -1,28 +1,28 @@
-//! When an autopilot's flight of the bench begins, and which of its answers count.
+//! Beginning of an autopilot's flight, and validity of its answers.
 
 use serde::{Deserialize, Serialize};
 
-/// When the run begins.
+/// Condition for the beginning of the run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Begin {
-    /// When the autopilot's motors turn. Until then it sees the vehicle stand still where it starts.
+    /// The autopilot's motors turn. Until then its simulated vehicle is at rest at the start.
     #[default]
     Armed,
-    /// With the autopilot's first outputs.
+    /// The autopilot's first outputs arrive.
     Linked,
 }
 
-/// Options of a flight of the bench by an autopilot.
+/// Options of a flight by an autopilot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlightOptions {
-    /// When the run begins.
+    /// Condition for the beginning of the run.
     pub begin: Begin,
-    /// Oldest outputs that are obeyed, s of wall-clock time; older ones are a lost link.
+    /// Largest age of outputs, s of wall-clock time; older ones mean a lost link.
     pub stale_s: f64,
-    /// How long an autopilot that waits for its sensors may take to answer them, s of wall-clock time; after that the
-    /// outputs before are held.
+    /// Longest time until an autopilot in lockstep answers its sensors, s of wall-clock time; after that the
+    /// previous outputs are held.
     pub answer_timeout_s: f64,
 }
 

@@ -1,7 +1,7 @@
 //! Autopilots that fly the bench's vehicle: sensors out, actuator outputs in.
 //!
-//! Each protocol is an [`Autopilot`]: a state machine that takes datagrams or stream bytes with the time of their
-//! arrival, and hands out bytes to send. It owns no socket and no clock.
+//! Each protocol is an [`Autopilot`]: a state machine that receives datagrams or stream bytes with their time
+//! of arrival, and returns bytes to send. It owns no socket and no clock.
 //!
 //! | | [`px4`] | [`ardupilot`] | [`betaflight`] |
 //! |---|---|---|---|
@@ -26,22 +26,22 @@ pub use config::{AutopilotConfig, AutopilotKind, Parts};
 pub use flight::{Begin, FlightOptions};
 pub use rc::{RC_CHANNELS, Rc, RcOptions, Stage};
 
-/// Takes what is to be sent: the port, and the bytes of one datagram or the next bytes of a stream.
+/// Sends data: arguments are the port, and one datagram or the next bytes of a stream.
 pub type Send<'s> = dyn FnMut(usize, &[u8]) + 's;
 
 /// Actuator outputs of an autopilot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outputs {
-    /// Each output: 0 to 1 for a motor, -1 to 1 for a servo. Outputs that the autopilot does not have are zero; one that
-    /// it leaves undefined is not a number.
+    /// Value of each output: 0 to 1 for a motor, -1 to 1 for a servo; zero for outputs that the autopilot
+    /// does not have, NaN for one that it leaves undefined.
     pub values: [f64; MAX_OUTPUTS],
-    /// One bit for each output, from bit 0, that was beyond its range and is held at its limit.
+    /// Bit mask of outputs beyond their range, which are held at their limit; bit 0 is the first output.
     pub beyond: u32,
-    /// Whether the autopilot is armed, when the protocol says so.
+    /// True when the autopilot is armed; `None` when the protocol does not report it.
     pub armed: Option<bool>,
 }
 
-/// What came from an autopilot.
+/// Event from an autopilot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(
     clippy::large_enum_variant,
@@ -50,7 +50,7 @@ pub struct Outputs {
 pub enum Event {
     /// New actuator outputs.
     Outputs(Outputs),
-    /// The autopilot restarted and has lost its state.
+    /// The autopilot restarted and lost its state.
     Restarted,
 }
 
@@ -61,22 +61,22 @@ pub struct Counts {
     pub sent: u64,
     /// Packets of actuator outputs that were used.
     pub outputs: u64,
-    /// Packets that came again because an answer was lost on its way; answered again.
+    /// Packets that were repeated because an answer was lost; they are answered again.
     pub repeated: u64,
-    /// Packets or bytes that are not what the protocol says: length, magic number, checksum, impossible value.
+    /// Packets or bytes that violate the protocol: length, magic number, checksum, impossible value.
     pub malformed: u64,
-    /// Packets that were overtaken on their way, delayed, or played again.
+    /// Packets that were overtaken, delayed, or replayed.
     pub stale: u64,
-    /// Packets that never came, from gaps in their numbers.
+    /// Packets that never arrived, from gaps in their numbers.
     pub lost: u64,
-    /// Sensor packets that were left out because the autopilot had not asked for them.
+    /// Sensor packets that were left out because the autopilot had not requested them.
     pub skipped: u64,
-    /// Messages of a ground station that belong to the loop, and were not passed on.
+    /// Messages of a ground station that belong to the loop, and were not forwarded.
     pub refused: u64,
 }
 
 impl Counts {
-    /// Packets that came and were given up.
+    /// Number of received packets that were discarded.
     pub fn dropped(&self) -> u64 {
         self.malformed + self.stale + self.refused
     }
@@ -84,28 +84,29 @@ impl Counts {
 
 /// The protocol of one autopilot.
 pub trait Autopilot {
-    /// Whether a datagram that came through `port` from somebody unknown is one of this protocol, by itself.
+    /// True when a datagram received through `port` from an unknown sender is, by itself, valid in this
+    /// protocol.
     fn recognises(&mut self, port: usize, datagram: &[u8], now: Duration) -> bool;
 
-    /// Takes in a datagram, or the next bytes of a stream, that came through `port`; may answer at once. Returns whether
-    /// something in it was valid: not damaged, and not older than what came before.
+    /// Decodes a datagram, or the next bytes of a stream, received through `port`; may answer at once.
+    /// Returns whether something in it was valid: not damaged, and not older than earlier data.
     fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) -> bool;
 
-    /// What was received last through `port` was a datagram: nothing goes on behind it.
+    /// Marks the last data of `port` as a complete datagram, which no later bytes continue.
     fn end_of_datagram(&mut self, _port: usize) {}
 
-    /// The next event from the received bytes; `None` until more bytes come.
+    /// The next event from the received bytes; `None` until more bytes arrive.
     fn next(&mut self) -> Option<Event>;
 
     /// Sends the sensors of a step, and the pilot's channels.
     fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>);
 
-    /// What the autopilot said last in words.
+    /// Last text from the autopilot on why it is not armed.
     fn said(&self) -> Option<&str> {
         None
     }
 
-    /// Where to look for why it is not armed, when it has not said it.
+    /// Advice where to find the reason why it is not armed, when it has not reported it.
     fn advice(&self) -> String;
 
     /// The oldest note for the user.
@@ -113,10 +114,10 @@ pub trait Autopilot {
         None
     }
 
-    /// Whether the outputs that answer the last sensors are here.
+    /// True when the outputs in response to the last sensors have arrived.
     fn is_answered(&self) -> bool;
 
-    /// Whether the autopilot waits for its sensors (lockstep), so that its answer can be waited for.
+    /// True when the autopilot waits for its sensors (lockstep), so that its answer can be waited for.
     fn is_lockstep(&self) -> bool;
 
     /// Resets the protocol after the link through `port` was lost.

@@ -1,8 +1,8 @@
-//! The pilot's channels, as a receiver would hand them to the autopilot: neutral until the explicit arm.
+//! The pilot's channels, as a receiver would send them to the autopilot: neutral until the explicit arm.
 //!
-//! An autopilot is armed from its pilot's switch, and it wants to see the switch off and the throttle low first, for as
-//! long as it takes to start. So the channels go through stages: [`Stage::Grace`] (everything low), [`Stage::Arming`]
-//! (switch on, throttle low), [`Stage::Flying`] (throttle up). Whoever disarms is back at the beginning.
+//! An autopilot is armed by its pilot's switch, and requires the switch off and the throttle low first, until
+//! it has started. So the channels go through stages: [`Stage::Grace`] (everything low), [`Stage::Arming`]
+//! (switch on, throttle low), [`Stage::Flying`] (throttle up). Disarming returns to the beginning.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,27 +11,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::ConfigError;
 
-/// Channels of a receiver.
+/// Number of channels of a receiver.
 pub const RC_CHANNELS: usize = 16;
 
-/// A switch that was on for so long without arming the autopilot goes off, ...
+/// Time with the switch on, without an armed autopilot, after which the switch goes off.
 const IN_VAIN: Duration = Duration::from_secs(2);
 
-/// ... for so long.
+/// Time for which the switch then stays off.
 const OFF: Duration = Duration::from_millis(500);
 
-/// Pulse of a stick in the middle, us.
+/// Pulse of a centred stick, us.
 const MIDDLE: u16 = 1500;
-/// Pulse of a throttle or switch that is down, us.
+/// Pulse of a low throttle or switch, us.
 const LOW: u16 = 1000;
-/// Pulse of a throttle or switch that is up, us.
+/// Pulse of a high throttle or switch, us.
 const HIGH: u16 = 2000;
 
-/// How the pilot's channels are sent.
+/// Options of the pilot's channels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RcOptions {
-    /// Arm the autopilot. Without it the switch stays off for ever.
+    /// True to arm the autopilot; otherwise the switch stays off.
     pub arm: bool,
     /// Channel of the arming switch, from 1.
     pub arm_channel: usize,
@@ -39,11 +39,11 @@ pub struct RcOptions {
     pub throttle_channel: usize,
     /// Throttle while flying, 0 to 1.
     pub throttle: f64,
-    /// How long the autopilot gets to start, with everything low, s.
+    /// Start-up time of the autopilot with everything low, s.
     pub grace_s: f64,
-    /// From switching on until the throttle goes up, s.
+    /// Time from switching on until the throttle goes up, s.
     pub arming_s: f64,
-    /// Channels that stand still, such as a flight mode switch: number, from 1, and pulse in us.
+    /// Constant channels, such as a flight mode switch: number, from 1, and pulse in us.
     pub channels: BTreeMap<String, u16>,
 }
 
@@ -64,7 +64,7 @@ impl Default for RcOptions {
 /// Stage of the arming sequence.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Stage {
-    /// Nobody wants to arm, or there is no autopilot yet.
+    /// Arming is not requested, or the autopilot is not connected.
     #[default]
     Off,
     /// Everything low, until the autopilot has started.
@@ -75,7 +75,7 @@ pub enum Stage {
     Flying,
 }
 
-/// The channels at one moment.
+/// State of the pilot's channels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rc {
     options: RcOptions,
@@ -96,7 +96,7 @@ impl Rc {
     /// Channels with everything low.
     ///
     /// # Errors
-    /// [`ConfigError`] for a channel, pulse, throttle or time that cannot be.
+    /// [`ConfigError`] for an invalid channel, pulse, throttle or time.
     pub fn new(options: RcOptions) -> Result<Self, ConfigError> {
         let wrong = |key: &str, reason: String| Err(ConfigError::new(&["rc", key], reason));
         let mut rc = Self::default();
@@ -135,7 +135,7 @@ impl Rc {
         Ok(rc)
     }
 
-    /// How far arming has come.
+    /// Current stage of arming.
     pub fn stage(&self) -> Stage {
         self.stage
     }
@@ -145,13 +145,13 @@ impl Rc {
         (self.options.arm_channel, HIGH)
     }
 
-    /// How long everything stays low before the switch goes on; no time where nobody wants to arm.
+    /// Time for which everything stays low before the switch goes on; zero where arming is not requested.
     pub fn grace(&self) -> Duration {
         if self.options.arm { Duration::from_secs_f64(self.options.grace_s) } else { Duration::ZERO }
     }
 
-    /// Lets time pass; `linked` says that the autopilot is there, `permitted` that it may be armed. Whoever is not
-    /// permitted any more is disarmed at once.
+    /// Advances in time; `linked` means that the autopilot is connected, `permitted` that it may be armed.
+    /// Without permission it is disarmed at once.
     pub fn turn(&mut self, linked: bool, permitted: bool, now: Duration) -> Stage {
         let spent = now.saturating_sub(self.since).as_secs_f64();
         let next = match self.stage {
@@ -167,11 +167,12 @@ impl Rc {
         self.stage
     }
 
-    /// Moves the switch off and on again when it has been on for so long in vain; returns whether it does.
+    /// Moves the switch off and on again when it has been on without effect for its longest time; true if it
+    /// does.
     pub fn retry(&mut self, now: Duration) -> bool {
         let waited = self.stage == Stage::Flying && now.saturating_sub(self.since) >= IN_VAIN;
         if waited {
-            // The end of the first stage: everything low.
+            // End of the first stage: everything low.
             let low = Duration::from_secs_f64(self.options.grace_s).saturating_sub(OFF);
             (self.stage, self.since) = (Stage::Grace, now.saturating_sub(low));
         }

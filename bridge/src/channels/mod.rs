@@ -1,8 +1,8 @@
-//! From inputs and sticks to channels: mapping, trims, limits and rates, the last thing before the wire.
+//! From inputs and sticks to channels: mapping, trims, limits and rates, the last stage before the wire.
 //!
-//! A channel that goes up turns the vehicle right, nose up or clockwise; one with a negative `span_us` does the opposite.
-//! Which way an input moves its channel follows from B of the vehicle file: as far as a positive input accelerates its axis
-//! to the left, nose down or counter-clockwise, it moves the channel down.
+//! An increasing channel turns the vehicle right, nose up or clockwise; one with a negative `span_us` does
+//! the opposite. The sign from an input to its channel follows from B of the vehicle file: an input that
+//! accelerates its axis to the left, nose down or counter-clockwise decreases the channel.
 
 mod sentences;
 
@@ -14,23 +14,23 @@ use crate::limit::{Limiter, OutputLimit};
 use crate::pilot::{Axis, Pilot};
 pub use sentences::Steering;
 
-/// Channels on the wire.
+/// Number of channels on the wire.
 pub const CHANNELS: usize = 16;
 
-/// Pulse widths that may be asked for, us.
+/// Valid pulse widths, us.
 const POSSIBLE_US: std::ops::RangeInclusive<f64> = 800.0..=2200.0;
 
 /// The channel that arms a vehicle behind an RC transmitter, from 0; the first four are sticks.
 const ARM: usize = 4;
 
-/// A switch that is off, and one that is on, us.
+/// Pulse of a switch that is off, us.
 const LOW_US: f64 = 1000.0;
 const HIGH_US: f64 = 2000.0;
 
-/// What a channel carries.
+/// Source of a channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Source {
-    /// An input of the vehicle, by index, and the stick that takes its place in manual.
+    /// Index of an input of the vehicle, and the stick that replaces it in manual mode.
     Input(usize, Option<Axis>),
     /// A stick of the pilot.
     Stick(Axis),
@@ -38,7 +38,7 @@ enum Source {
     Pilot(usize),
     /// The vehicle's arm switch.
     Arm,
-    /// Its trim.
+    /// Constant, at its trim.
     Fixed,
 }
 
@@ -47,9 +47,10 @@ struct Mapped {
     index: usize,
     source: Source,
     trim_us: f64,
-    /// For an input of 1, with the sign of B.
+    /// Change for an input of 1, with the sign of B, us.
     span_us: f64,
-    /// Whether the channel goes up when the vehicle is to turn the negative way: `span_us` of the launch file is negative.
+    /// True when the channel increases for a negative rotation of the vehicle: `span_us` of the launch file
+    /// is negative.
     reversed: bool,
 }
 
@@ -58,14 +59,15 @@ struct Mapped {
 pub struct Input {
     /// Name of the channel.
     pub name: String,
-    /// The greater of its limits' magnitudes; infinite without limits.
+    /// The larger magnitude of its limits; infinite without limits.
     pub full: f64,
-    /// What one of it adds to the acceleration about roll, pitch and yaw, rad/s^2.
+    /// Acceleration about roll, pitch and yaw per unit of the input, rad/s^2.
     pub turns: [f64; 3],
 }
 
 impl Input {
-    /// The axis that it steers, 0 to 2: that of its name, or else the one that it accelerates most.
+    /// Index of the axis that it controls, 0 to 2: that of its name, or else the one that it accelerates
+    /// most.
     pub fn axis(&self) -> Option<usize> {
         let acts = |axis: usize| self.turns[axis] != 0.0;
         let named = ANGLES.iter().position(|axis| self.name.contains(axis.name()));
@@ -74,16 +76,16 @@ impl Input {
             .filter(|a| acts(*a))
     }
 
-    /// The sign with which it turns its axis; 1 for one that turns none.
+    /// Sign of its rotation about its axis; 1 for an input without an axis.
     fn sign(&self) -> f64 {
         self.axis().map_or(1.0, |axis| self.turns[axis].signum())
     }
 }
 
-/// The axes that can turn, in the order of [`Input::turns`].
+/// The rotational axes, in the order of [`Input::turns`].
 pub(crate) const ANGLES: [Axis; 3] = [Axis::Roll, Axis::Pitch, Axis::Yaw];
 
-/// Sixteen channels.
+/// Mapping to sixteen channels.
 #[derive(Debug, Clone)]
 pub struct Mapping {
     mapped: Vec<Mapped>,
@@ -95,7 +97,7 @@ pub struct Mapping {
     pushed: Option<(usize, f64)>,
 }
 
-/// One entry of `[[bridge.channels]]` and its place in the list.
+/// One entry of `[[bridge.channels]]` with its index in the list.
 struct Row<'a> {
     at: String,
     config: &'a ChannelConfig,
@@ -114,7 +116,7 @@ impl Row<'_> {
         })
     }
 
-    /// What the channel carries.
+    /// Source of the channel.
     fn source(&self, inputs: &[Input], has_pilot: bool) -> Result<Source, ConfigError> {
         let Some(name) = &self.config.from else { return Ok(Source::Fixed) };
         match source(name, inputs) {
@@ -133,7 +135,7 @@ impl Row<'_> {
         }
     }
 
-    /// What the channel's pulses may be.
+    /// Limits of the channel's pulses.
     fn limit(&self, source: Source) -> Result<OutputLimit, ConfigError> {
         let config = self.config;
         let neutral = config.neutral_us.unwrap_or(match source {
@@ -186,7 +188,7 @@ impl Row<'_> {
 }
 
 impl Mapping {
-    /// The channels for a vehicle with these inputs.
+    /// The channels of a vehicle with these inputs.
     ///
     /// # Errors
     /// For a channel or an input that does not exist, a channel used twice, an input on no channel, limits that do
@@ -219,9 +221,9 @@ impl Mapping {
         Ok(new)
     }
 
-    /// Gives the channels from 5 on that nobody has named what a vehicle behind an RC transmitter expects there: 5 is its arm
-    /// switch, as ExpressLRS has it; the others are the pilot's own, or low, where no mode is on. `switches` are the
-    /// pilot's two for this bench, which are no modes of the vehicle.
+    /// Sets unnamed channels from 5 on as a vehicle behind an RC transmitter expects them: 5 is its arm
+    /// switch, as for ExpressLRS; the others are the pilot's own, or low, where no mode is on. `switches` are
+    /// the pilot's two switches for this bench, which are no modes of the vehicle.
     #[must_use]
     pub fn with_switches(mut self, switches: Option<[usize; 2]>) -> Self {
         for index in (ARM..CHANNELS).filter(|index| !self.in_use[*index]) {
@@ -243,7 +245,7 @@ impl Mapping {
         self
     }
 
-    /// The channels, us, for who is in charge. `inputs` are the controller's, in the vehicle's order.
+    /// The channels, us, for the mode in charge. `inputs` are the controller's, in the vehicle's order.
     pub fn apply(
         &mut self,
         mode: Mode,
@@ -266,10 +268,10 @@ impl Mapping {
                     m.trim_us + if m.reversed { -stick } else { stick }
                 }),
                 (_, Source::Input(..)) => limit.neutral,
-                // A vehicle in the air needs its throttle also when the controller has failed.
+                // A flying vehicle needs its throttle even when the controller has failed.
                 (_, Source::Stick(axis)) => pilot.map_or(limit.neutral, |p| p.axis_us(axis)),
                 (_, Source::Pilot(channel)) => pilot.map_or(limit.neutral, |p| p.channel_us(channel)),
-                // In the air it stays on for as long as somebody wants it to.
+                // In flight it stays on until the pilot switches it off.
                 (Mode::Failed(_), Source::Arm) if !pilot.is_some_and(Pilot::arm) => limit.neutral,
                 (_, Source::Arm) => limit.upper,
                 (_, Source::Fixed) => m.trim_us,
@@ -280,18 +282,18 @@ impl Mapping {
         &self.us
     }
 
-    /// Moves a channel, from 0, off its neutral while disarmed, or none.
+    /// Moves a channel, from 0, off its neutral while disarmed, or no channel.
     pub(crate) fn push(&mut self, pushed: Option<(usize, f64)>) {
         self.pushed = pushed;
     }
 
-    /// The channels as they were last, us; those that carry nothing are 1500.
+    /// The last channels, us; unused ones are 1500.
     pub fn us(&self) -> &[f64; CHANNELS] {
         &self.us
     }
 
-    /// The inputs that the channels carry as they were last: what is left of a command behind limits and rates. An input
-    /// is 0 where no channel moves with it.
+    /// The inputs represented by the last channels: the command after limits and rates. An input without a
+    /// channel is 0.
     pub fn acting(&self, inputs: &mut [f64]) {
         inputs.fill(0.0);
         for m in &self.mapped {
@@ -304,12 +306,12 @@ impl Mapping {
         }
     }
 
-    /// Which channels are in use.
+    /// True for each channel in use.
     pub fn in_use(&self) -> &[bool; CHANNELS] {
         &self.in_use
     }
 
-    /// Which channels carry a stick or channel of the pilot.
+    /// True for each channel with a stick or channel of the pilot.
     pub fn pilots(&self) -> [bool; CHANNELS] {
         let mut pilots = [false; CHANNELS];
         for m in self.mapped.iter().filter(|m| matches!(m.source, Source::Stick(_) | Source::Pilot(_))) {
@@ -318,23 +320,23 @@ impl Mapping {
         pilots
     }
 
-    /// Whether a channel is moved off its neutral for a check.
+    /// True while a channel is moved off its neutral for a check.
     pub(crate) fn is_pushed(&self) -> bool {
         self.pushed.is_some()
     }
 
-    /// Back to neutral at once, after the outputs were handed over.
+    /// Resets to neutral at once, after the outputs were handed over.
     pub fn reset(&mut self) {
         self.limiter.reset();
         self.place();
     }
 
-    /// Values that were moved into a limit or slowed to a rate.
+    /// Number of values held by a limit or a rate.
     pub fn clamped(&self) -> u64 {
         self.limiter.clamped()
     }
 
-    /// Longest time that the slowest channel takes to neutral, s.
+    /// Longest time until the slowest channel reaches neutral, s.
     pub fn return_s(&self) -> f64 {
         self.limits.iter().map(OutputLimit::return_s).fold(0.0, f64::max)
     }

@@ -1,31 +1,31 @@
-//! What each channel does to the vehicle, in one sentence each, for whoever is about to arm.
+//! Describes in one sentence per channel how it moves the vehicle, for a user who is about to arm.
 
 use super::{ANGLES, Input, Mapping, Source};
 use crate::pilot::Axis;
 
-/// What a turn about each axis is called, the positive way and the negative one.
+/// Words for a positive and a negative rotation about each axis.
 const TURNS: [[&str; 2]; 3] = [
     ["rolls right", "rolls left"],
     ["pitches nose up", "pitches nose down"],
     ["yaws clockwise", "yaws counter-clockwise"],
 ];
 
-/// An effect on an axis that is less than this of the greatest is not worth a word.
+/// Smallest effect on an axis, relative to the largest, that is mentioned.
 const LEAST_SHARE: f64 = 0.05;
 
-/// A channel that carries an input which turns the vehicle.
+/// A channel with an input that rotates the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Steering {
-    /// The channel, from 0.
+    /// Channel, from 0.
     pub channel: usize,
-    /// The axis, 0 to 2.
+    /// Axis, 0 to 2.
     pub axis: usize,
-    /// Whether the vehicle turns right, nose up or clockwise as the channel goes up.
+    /// True when the vehicle turns right, nose up or clockwise as the channel increases.
     pub up_is_positive: bool,
 }
 
 impl Mapping {
-    /// The channels that carry inputs which turn the vehicle.
+    /// The channels with inputs that rotate the vehicle.
     pub fn steering(&self, inputs: &[Input]) -> Vec<Steering> {
         let steering = |m: &super::Mapped| match m.source {
             Source::Input(i, _) => inputs.get(i).and_then(Input::axis).map(|axis| Steering {
@@ -38,9 +38,9 @@ impl Mapping {
         self.mapped.iter().filter_map(steering).collect()
     }
 
-    /// One sentence for each channel: what moves it, and what that does to each axis.
+    /// One sentence for each channel: its source, and its effect on each axis.
     pub fn sentences(&self, inputs: &[Input]) -> Vec<String> {
-        // That an unnamed channel is low or the pilot's own is what everybody expects.
+        // An unnamed channel that is low or the pilot's own is the default, and is not mentioned.
         let is_told = |m: &&super::Mapped| self.in_use()[m.index] || m.source == Source::Arm;
         self.mapped.iter().filter(is_told).map(|m| sentence(m, inputs)).collect()
     }
@@ -71,7 +71,7 @@ fn sentence(m: &super::Mapped, inputs: &[Input]) -> String {
     }
 }
 
-/// What a positive input does, its own axis first.
+/// Effect of a positive input, its own axis first.
 fn effects(input: &Input) -> String {
     let own = input.axis();
     let most = input.turns.iter().fold(0.0, |most: f64, t| most.max(t.abs()));
@@ -86,7 +86,7 @@ fn effects(input: &Input) -> String {
 }
 
 impl Steering {
-    /// Name of the stick, and where it is held to turn the vehicle the positive way.
+    /// Name of the stick, and its direction for a positive rotation.
     pub fn stick(&self) -> (&'static str, &'static str) {
         let place = match ANGLES[self.axis] {
             Axis::Pitch => "back (nose up)",

@@ -95,7 +95,8 @@ fn mistakes_are_told_with_their_key() {
 
 #[test]
 fn a_channel_up_turns_the_vehicle_the_way_of_the_stick_whatever_the_sign_of_b() {
-    // A full input that accelerates to the right is a channel at its upper end, be that input positive or negative.
+    // A full input that accelerates to the right gives a channel at its upper end, whether that input is
+    // positive or negative.
     for sign in [1.0, -1.0] {
         let inputs = [turning("u_roll", [sign, -4.0, 0.0]), turning("u_pitch", [0.0, sign, 0.0])];
         let mut m = Mapping::new(&[], &inputs, true).unwrap();
@@ -104,7 +105,7 @@ fn a_channel_up_turns_the_vehicle_the_way_of_the_stick_whatever_the_sign_of_b() 
         let mut acting = [0.0; 2];
         m.acting(&mut acting);
         assert_eq!(acting, [10.0 * sign, -4.0 * sign]);
-        // The pilot's stick does not care what the input's sign is.
+        // The pilot's stick is independent of the input's sign.
         assert_eq!(m.apply(Mode::Manual, &[0.0; 2], Some(&pilot()), NOW)[..2], [1600.0, 1450.0]);
         let reversed = ChannelConfig { span_us: -500.0, ..ChannelConfig::new(2, Some("u_pitch".into())) };
         let channels = [ChannelConfig::new(1, Some("u_roll".into())), reversed];
@@ -139,18 +140,19 @@ fn an_unnamed_channel_5_arms_and_the_others_are_the_pilots_or_low() {
     let pilot = pilot();
     let at = |m: &mut Mapping, mode, pilot| m.apply(mode, &[0.0; 2], pilot, NOW)[4..].to_vec();
     let low = [1000.0; 12];
-    // With a pilot, whose switches of the bench are 5 and 6, and who has 1234 us on 7 and says nothing of the others.
+    // With a pilot, whose switches of the bench are 5 and 6, and who has 1234 us on 7 and no value on the
+    // others.
     let mut m = Mapping::new(&[], &inputs(), true).unwrap().with_switches(Some([5, 6]));
     assert_eq!(at(&mut m, Mode::Disarmed, Some(&pilot)), low);
     for mode in [Mode::Automatic, Mode::Manual, Mode::Failed(Reason::Stale)] {
         assert_eq!(at(&mut m, mode, Some(&pilot))[..3], [2000.0, 1000.0, 1234.0], "{mode:?}");
     }
     assert_eq!(at(&mut m, Mode::Failed(Reason::PilotLost), None), low, "nobody wants it to stay in the air");
-    // Without one.
+    // Without a pilot.
     let mut m = Mapping::new(&[], &inputs(), false).unwrap().with_switches(None);
     assert_eq!(at(&mut m, Mode::Automatic, None)[..2], [2000.0, 1000.0]);
     assert_eq!(at(&mut m, Mode::Failed(Reason::Stale), None), low);
-    // A channel that the launch file names is its own.
+    // A channel in the launch file keeps its own meaning.
     let own = [
         ChannelConfig::new(1, Some("u_roll".into())),
         ChannelConfig::new(2, Some("u_pitch".into())),

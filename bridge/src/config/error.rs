@@ -1,6 +1,6 @@
-//! The error of everything that the `[bridge]` table configures.
+//! Error of the configuration in the `[bridge]` table.
 
-/// What is wrong in a `[bridge]` table.
+/// An error in a `[bridge]` table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("bridge.{}: {message}", path.join("."))]
 pub struct ConfigError {

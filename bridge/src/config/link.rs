@@ -4,60 +4,61 @@ use serde::{Deserialize, Serialize};
 
 use crate::peer::Pin;
 
-/// `[bridge.mavlink]`.
+/// Options of a MAVLink link, table `[bridge.mavlink]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MavlinkConfig {
-    /// Where the autopilot is, for example `serial:///dev/ttyACM0:921600` or `udpin://0.0.0.0:14550`.
+    /// Address of the autopilot, for example `serial:///dev/ttyACM0:921600` or `udpin://0.0.0.0:14550`.
     pub link: String,
-    /// The only address that is believed on `udpin` and `tcpin`; absent: the first that speaks validly.
+    /// The only accepted sender on `udpin` and `tcpin`; absent: the first one with a valid message.
     #[serde(default)]
     pub peer: Option<Pin>,
     /// Kind of message that carries the outputs.
     #[serde(default)]
     pub output: Output,
-    /// Where `crsf` or `sbus` channels go: a serial port.
+    /// Serial port for `crsf` or `sbus` channels.
     #[serde(default)]
     pub output_link: Option<String>,
-    /// Most outputs in a second; absent: one for each command.
+    /// Largest number of outputs per second; absent: one for each command.
     #[serde(default)]
     pub output_rate_hz: Option<f64>,
-    /// Number of this system.
+    /// System id of this program.
     #[serde(default = "ground_station")]
     pub system: u8,
-    /// Number of this component.
+    /// Component id of this program.
     #[serde(default = "ground_component")]
     pub component: u8,
-    /// Number of the vehicle; absent: the first autopilot that is heard.
+    /// System id of the vehicle; absent: the first autopilot heard.
     #[serde(default)]
     pub target_system: Option<u8>,
-    /// Rate of the attitude that is asked for, Hz; absent: that of the loop; 0: nothing is asked for.
+    /// Requested rate of the attitude, Hz; absent: that of the loop; 0: no request.
     #[serde(default)]
     pub message_rate_hz: Option<f64>,
-    /// Which message carries the attitude.
+    /// Message with the attitude.
     #[serde(default)]
     pub attitude: AttitudeMessage,
-    /// Which messages carry the angular rates.
+    /// Messages with the angular rates.
     #[serde(default)]
     pub rates: RatesMessage,
-    /// Heading of the longitudinal axis, rad clockwise from north; absent: that of the vehicle at the start.
+    /// Heading of the longitudinal axis, rad clockwise from north; absent: the vehicle's initial heading.
     #[serde(default)]
     pub heading: Option<f64>,
-    /// What paces the loop.
+    /// Pace of the loop.
     #[serde(default)]
     pub pace: Pace,
-    /// What the inputs mean with `output = "attitude-target"`.
+    /// Meaning of the inputs with `output = "attitude-target"`.
     #[serde(default)]
     pub attitude_target: AttitudeTarget,
     /// File with the secret key of signed links: 32 bytes as 64 hexadecimal digits, or a passphrase.
     #[serde(default)]
     pub signing_key: Option<String>,
-    /// Where a ground station listens to the vehicle through this bridge, for example `udpout://127.0.0.1:14550`.
+    /// Address at which a ground station receives the vehicle through this bridge, for example
+    /// `udpout://127.0.0.1:14550`.
     #[serde(default)]
     pub forward: Option<String>,
 }
 
-/// What is sent to the vehicle.
+/// Kind of output to the vehicle.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Output {
@@ -74,7 +75,7 @@ pub enum Output {
     Sbus,
 }
 
-/// The message of the attitude.
+/// Message with the attitude.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AttitudeMessage {
@@ -85,37 +86,37 @@ pub enum AttitudeMessage {
     Quaternion,
 }
 
-/// The messages of the angular rates.
+/// Messages with the angular rates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RatesMessage {
-    /// The message that carries the attitude.
+    /// The message with the attitude.
     #[default]
     Attitude,
     /// `HIGHRES_IMU`, or `SCALED_IMU` with its numbers 2 and 3.
     Imu,
 }
 
-/// What paces the loop.
+/// Pace of the loop.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Pace {
     /// This computer's clock, at the rate of the loop.
     #[default]
     Clock,
-    /// Each attitude as it comes, which must be at the rate of the loop; the clock where one is missing.
+    /// Each attitude when it arrives, which must be at the rate of the loop; the clock where one is missing.
     Telemetry,
 }
 
-/// What roll and pitch mean in `SET_ATTITUDE_TARGET`, for a channel at 1000 or 2000 us.
+/// Meaning of roll and pitch in `SET_ATTITUDE_TARGET`, for a channel at 1000 or 2000 us.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AttitudeTarget {
-    /// Angles or rates.
+    /// Kind of target: angles or rates.
     pub kind: TargetKind,
-    /// Full roll and pitch, rad or rad/s.
+    /// Roll and pitch at full deflection, rad or rad/s.
     pub full: f64,
-    /// Full yaw rate, rad/s.
+    /// Yaw rate at full deflection, rad/s.
     pub full_yaw_rate: f64,
 }
 
@@ -125,7 +126,7 @@ impl Default for AttitudeTarget {
     }
 }
 
-/// Angles or rates.
+/// Kind of target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TargetKind {
@@ -135,16 +136,16 @@ pub enum TargetKind {
     Angles,
 }
 
-/// `[bridge.crsf]`.
+/// Options of a CRSF link, table `[bridge.crsf]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CrsfConfig {
     /// Serial port of the transmitter module, for example `serial:///dev/ttyUSB0:420000`.
     pub link: String,
-    /// Most frames of channels in a second; absent: one for each command.
+    /// Largest number of channel frames per second; absent: one for each command.
     #[serde(default)]
     pub output_rate_hz: Option<f64>,
-    /// What paces the loop.
+    /// Pace of the loop.
     #[serde(default)]
     pub pace: Pace,
 }

@@ -1,4 +1,4 @@
-//! The `[bridge]` table of a launch file: what each bridge can be told. `docs/bridges.md` is its manual.
+//! The `[bridge]` table of a launch file: options of all bridges, documented in `docs/bridges.md`.
 
 mod error;
 mod link;
@@ -20,7 +20,7 @@ pub use link::{
     AttitudeMessage, AttitudeTarget, CrsfConfig, MavlinkConfig, Output, Pace, RatesMessage, TargetKind,
 };
 
-/// The kinds of bridges.
+/// Kind of bridge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BridgeKind {
@@ -52,7 +52,7 @@ impl BridgeKind {
         }
     }
 
-    /// Whether it takes the plant's place; otherwise that of estimator and controller.
+    /// True for a bridge that replaces the plant; otherwise it replaces estimator and controller.
     pub fn is_vehicle(self) -> bool {
         matches!(self, Self::Mavlink | Self::Crsf)
     }
@@ -75,48 +75,48 @@ pub struct BridgeConfig {
     pub options: BridgeOptions,
 }
 
-/// The `[bridge]` table: options of all bridges, of which the one in use takes its part, so that variants can
+/// The `[bridge]` table: options of all bridges, of which the one in use takes its own, so that variants can
 /// change the bridge alone.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BridgeOptions {
-    /// Arming and what breaks it.
+    /// Arming and failsafe.
     pub safety: SafetyConfig,
-    /// What each channel carries; empty: roll on 1, pitch on 2, the pilot's throttle on 3 and yaw on 4.
+    /// Sources of the channels; empty: roll on 1, pitch on 2, the pilot's throttle on 3 and yaw on 4.
     pub channels: Vec<ChannelConfig>,
     /// The pilot's stick.
     pub pilot: Option<PilotConfig>,
-    /// Signs, scales and trims of what is measured, by name of the bus.
+    /// Signs, scales and offsets of measurements, by name on the bus.
     pub measured: BTreeMap<String, Trim>,
-    /// `bridge = "mavlink"`.
+    /// Options of `bridge = "mavlink"`.
     pub mavlink: Option<MavlinkConfig>,
-    /// `bridge = "crsf"`.
+    /// Options of `bridge = "crsf"`.
     pub crsf: Option<CrsfConfig>,
-    /// When an autopilot in the loop begins to fly, and what breaks the flight.
+    /// Beginning and end conditions of a flight by an autopilot in the loop.
     pub flight: FlightOptions,
-    /// The sensors of an autopilot in the loop.
+    /// Simulated sensors of an autopilot in the loop.
     pub sensors: SensorOptions,
-    /// From the outputs of an autopilot in the loop to the vehicle's inputs.
+    /// Mixer from the outputs of an autopilot in the loop to the vehicle's inputs.
     pub mixer: MixerOptions,
-    /// The pilot's channels of an autopilot in the loop.
+    /// Pilot's channels of an autopilot in the loop.
     pub rc: RcOptions,
-    /// `bridge = "px4-hil"`.
+    /// Options of `bridge = "px4-hil"`.
     pub px4: Px4Options,
-    /// `bridge = "ardupilot-json"`.
+    /// Options of `bridge = "ardupilot-json"`.
     pub ardupilot: ArdupilotOptions,
-    /// `bridge = "betaflight-sitl"`.
+    /// Options of `bridge = "betaflight-sitl"`.
     pub betaflight: BetaflightOptions,
 }
 
-/// `[bridge.safety]`.
+/// Options of arming and failsafe, table `[bridge.safety]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SafetyConfig {
     /// Event that arms the outputs.
     pub arm: ArmBy,
-    /// What the outputs do when something breaks.
+    /// Behaviour of the outputs after a failure.
     pub on_failure: OnFailure,
-    /// Oldest attitude that is flown on, s.
+    /// Largest age of the attitude in flight, s.
     pub stale_s: f64,
     /// Longest time between two commands, s.
     pub command_timeout_s: f64,
@@ -124,7 +124,7 @@ pub struct SafetyConfig {
     pub link_timeout_s: f64,
     /// Averaged normalised innovation squared, over its expectation, above which the estimator counts as diverged.
     pub max_innovation: f64,
-    /// With `arm = "start"`: arms again after all was well for so long, s; never without it.
+    /// With `arm = "start"`: time without a failure after which the bridge rearms, s; absent: never.
     pub recover_after_s: Option<f64>,
 }
 
@@ -142,51 +142,53 @@ impl Default for SafetyConfig {
     }
 }
 
-/// What the outputs do when something breaks.
+/// Behaviour of the outputs after a failure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum OnFailure {
     /// The outputs go to neutral.
     Neutral,
-    /// Handed over to the vehicle's own pilot or failsafe: nothing more is sent, an override is taken back.
+    /// The outputs are handed over to the vehicle's own pilot or failsafe: nothing more is sent, an override
+    /// is released.
     Release,
 }
 
-/// One channel, `[[bridge.channels]]`: us = `trim_us` + `span_us` times the input over `full`.
+/// One channel, table `[[bridge.channels]]`: us = `trim_us` + `span_us` times the input over `full`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChannelConfig {
-    /// Number, 1 to 16.
+    /// Channel number, 1 to 16.
     pub channel: usize,
-    /// An input of the vehicle, or `pilot.roll`, `pilot.pitch`, `pilot.throttle`, `pilot.yaw`, or `pilot.N` for the
-    /// pilot's channel N, or `arm` for the vehicle's arm switch; absent: the channel is `trim_us` while armed.
+    /// Source: an input of the vehicle, or `pilot.roll`, `pilot.pitch`, `pilot.throttle`, `pilot.yaw`, or
+    /// `pilot.N` for the pilot's channel N, or `arm` for the vehicle's arm switch; absent: the channel is
+    /// `trim_us` while armed.
     #[serde(default)]
     pub from: Option<String>,
-    /// Pulse width of input 0, us.
+    /// Pulse width at an input of 0, us.
     #[serde(default = "middle")]
     pub trim_us: f64,
-    /// Change for an input of `full`, us; negative turns the sign.
+    /// Change for an input of `full`, us; negative to reverse the sign.
     #[serde(default = "span")]
     pub span_us: f64,
-    /// The input that moves the channel by `span_us`; absent: the input's greatest limit in the vehicle file.
+    /// Input that moves the channel by `span_us`; absent: the input's larger limit in the vehicle file.
     #[serde(default)]
     pub full: Option<f64>,
-    /// Least pulse width, us.
+    /// Smallest pulse width, us.
     #[serde(default = "lowest")]
     pub lower_us: f64,
-    /// Greatest pulse width, us.
+    /// Largest pulse width, us.
     #[serde(default = "highest")]
     pub upper_us: f64,
-    /// Greatest change, us/s; absent: any.
+    /// Largest rate of change, us/s; absent: unlimited.
     #[serde(default)]
     pub rate_us_per_s: Option<f64>,
-    /// Pulse width while nobody is in charge, us; absent: `trim_us`, or `lower_us` for the throttle.
+    /// Pulse width without a source in charge, us; absent: `trim_us`, or `lower_us` for the throttle.
     #[serde(default)]
     pub neutral_us: Option<f64>,
 }
 
 impl ChannelConfig {
-    /// A channel with the usual numbers.
+    /// A channel with default values.
     pub fn new(channel: usize, from: Option<String>) -> Self {
         Self {
             channel,
@@ -202,11 +204,11 @@ impl ChannelConfig {
     }
 }
 
-/// `[bridge.pilot]`.
+/// Options of the pilot's stick, table `[bridge.pilot]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PilotConfig {
-    /// Where the stick is.
+    /// Source of the stick.
     pub source: PilotSource,
     /// Serial port of an `sbus` or `crsf` receiver; name or part of the name of a gamepad.
     #[serde(default)]
@@ -229,7 +231,7 @@ pub struct PilotConfig {
     /// Channel of the switch between manual (low) and automatic (high).
     #[serde(default = "six")]
     pub automatic: usize,
-    /// Sticks whose sign is turned: `roll`, `pitch`, `yaw`.
+    /// Sticks with reversed sign: `roll`, `pitch`, `yaw`.
     #[serde(default)]
     pub reversed: Vec<String>,
     /// Longest silence, s.
@@ -237,7 +239,7 @@ pub struct PilotConfig {
     pub timeout_s: f64,
 }
 
-/// Where the pilot's stick is.
+/// Source of the pilot's stick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PilotSource {
@@ -251,11 +253,11 @@ pub enum PilotSource {
     Gamepad,
 }
 
-/// Sign, scale and trim of a measured signal: `scale` times what is measured, plus `offset`.
+/// Sign, scale and offset of a measured signal: `scale` times the measurement, plus `offset`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Trim {
-    /// Factor; -1 turns the sign.
+    /// Factor; -1 reverses the sign.
     pub scale: f64,
     /// Added after scaling, SI.
     #[serde(deserialize_with = "quantity::any")]

@@ -2,11 +2,11 @@
 
 use super::{SYNC, crc8, kind};
 
-/// Channels in a frame.
+/// Number of channels in a frame.
 pub const CHANNELS: usize = 16;
 /// Bytes of 16 channels of 11 bits.
 pub(super) const CHANNEL_BYTES: usize = 22;
-/// Greatest value of 11 bits.
+/// Largest value of 11 bits.
 const LARGEST: u16 = 0x7FF;
 
 /// Sixteen channels in ticks, 0 to 2047; 172 is 988 us, 992 is 1500 us, 1811 is 2012 us.
@@ -42,20 +42,21 @@ pub struct Battery {
 pub struct LinkStatistics {
     /// Received signal at the vehicle, first antenna, dBm.
     pub uplink_rssi_dbm: i16,
-    /// Packets that reach the vehicle, percent; 0 is a lost link.
+    /// Share of packets that reach the vehicle, percent; 0 means a lost link.
     pub uplink_quality: u8,
-    /// Signal over noise at the vehicle, dB.
+    /// Signal-to-noise ratio at the vehicle, dB.
     pub uplink_snr_db: i8,
     /// Received signal at the handset, dBm.
     pub downlink_rssi_dbm: i16,
-    /// Packets that reach the handset, percent.
+    /// Share of packets that reach the handset, percent.
     pub downlink_quality: u8,
 }
 
-/// Ticks of a pulse width by the published formula (TBS, CRSF, frame 0x16): (us - 1500) 8 / 5 + 992, kept within 11 bits.
+/// Ticks of a pulse width by the published formula (TBS, CRSF, frame 0x16): (us - 1500) 8 / 5 + 992, limited
+/// to 11 bits.
 pub fn ticks_of_us(us: f64) -> u16 {
     let ticks = 992.0 + (us - 1500.0) * 8.0 / 5.0;
-    // A float becomes the nearest integer of the range; not a number becomes 0, and never comes here.
+    // The conversion saturates; NaN would become 0, but does not occur here.
     (ticks.round() as u16).min(LARGEST)
 }
 
@@ -80,7 +81,7 @@ pub fn write_attitude(attitude: &Attitude, out: &mut Vec<u8>) {
     write(SYNC, kind::ATTITUDE, &payload, out);
 }
 
-/// Packs channels of 11 bits, the first in the lowest bits of the first byte; SBUS packs them alike.
+/// Packs channels of 11 bits, the first in the lowest bits of the first byte; SBUS uses the same packing.
 pub(crate) fn pack_channels(channels: &[u16; CHANNELS], bytes: &mut [u8; CHANNEL_BYTES]) {
     let (mut bits, mut held, mut at) = (0u32, 0, 0);
     for channel in channels {

@@ -4,7 +4,7 @@ use super::frames::{Attitude, Battery, CHANNEL_BYTES, Channels, LinkStatistics, 
 use super::{HANDSET, LONGEST_FRAME, SYNC, TRANSMITTER, crc8, kind};
 use crate::stream::Stream;
 
-/// What the bytes were.
+/// Event decoded from the received bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
     /// Channels of a handset or a receiver.
@@ -15,32 +15,33 @@ pub enum Event {
     Battery(Battery),
     /// Quality of the radio link.
     LinkStatistics(LinkStatistics),
-    /// A whole frame of another type.
+    /// A complete frame of another type.
     Other(u8),
-    /// A frame whose checksum is wrong, given up.
+    /// A discarded frame with a wrong checksum.
     Checksum,
-    /// A frame too short for its type, given up.
+    /// A discarded frame, too short for its type.
     Malformed(u8),
-    /// Bytes outside of frames (their number).
+    /// Bytes outside of frames, with their number.
     Noise(usize),
 }
 
-/// Counts of everything that came in.
+/// Counts of everything received.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Bytes that came in.
+    /// Number of bytes received.
     pub bytes: u64,
-    /// Frames with a right checksum.
+    /// Number of frames with a correct checksum.
     pub frames: u64,
-    /// Frames with a wrong checksum.
+    /// Number of frames with a wrong checksum.
     pub checksum: u64,
-    /// Frames too short for their type.
+    /// Number of frames too short for their type.
     pub malformed: u64,
-    /// Bytes outside of frames.
+    /// Number of bytes outside of frames.
     pub noise_bytes: u64,
 }
 
-/// Finds frames in a stream of bytes. A damaged frame costs itself alone: the search goes on behind its first byte.
+/// Finds frames in a stream of bytes. A damaged frame does not affect others: the search continues after its
+/// first byte.
 #[derive(Debug, Clone, Default)]
 pub struct Parser {
     stream: Stream,
@@ -48,7 +49,7 @@ pub struct Parser {
 }
 
 impl Parser {
-    /// A parser that has seen nothing.
+    /// A parser without data.
     pub fn new() -> Self {
         Self::default()
     }
@@ -58,18 +59,18 @@ impl Parser {
         &self.counts
     }
 
-    /// Takes bytes in. Call [`Parser::next_event`] until it returns `None` before the next bytes.
+    /// Adds received bytes. Call [`Parser::next_event`] until it returns `None` before adding more.
     pub fn push(&mut self, bytes: &[u8]) {
         self.counts.bytes += bytes.len() as u64;
         self.stream.push(bytes);
     }
 
-    /// Forgets half a frame: after a connection that was made anew.
+    /// Discards a partly received frame, after a reconnection.
     pub fn reset(&mut self) {
         self.counts.noise_bytes += self.stream.clear() as u64;
     }
 
-    /// The next event; `None` until more bytes come.
+    /// The next event; `None` until more bytes arrive.
     pub fn next_event(&mut self) -> Option<Event> {
         let bytes = self.stream.waiting();
         let is_start = |b: &u8| matches!(*b, SYNC | HANDSET | TRANSMITTER);
@@ -78,7 +79,7 @@ impl Parser {
             return Some(self.noise(noise));
         }
         let &length = bytes.get(1)?;
-        // Type and checksum at least; what claims to be longer than any frame is none.
+        // At least type and checksum; a claimed length beyond the longest frame is invalid.
         let whole = usize::from(length) + 2;
         if length < 2 || whole > LONGEST_FRAME {
             return Some(self.noise(1));

@@ -1,16 +1,18 @@
-//! PX4's events that say why it does not arm.
+//! Decodes PX4's events with the reasons why it does not arm.
 //!
-//! An EVENT has a number and arguments; their texts are metadata of each build. The summary of the arming checks is read without
-//! them: its number is the hash of its name (FNV-1a of 32 bits, the lower 24, component 1 above), and its arguments are
-//! `u8` part, `u32` components whose checks fail, `u32` components that are warned of, `u32` modes that can be armed in,
-//! little-endian without gaps. Bits of components are those of `health_component_t`.
+//! An EVENT has a number and arguments; their texts are metadata of each build. The summary of the arming
+//! checks is decoded without them: its number is the hash of its name (FNV-1a of 32 bits, the lower 24,
+//! component 1 above), and its arguments are `u8` part, `u32` components with failing checks, `u32`
+//! components with warnings, `u32` modes in which it can be armed, little-endian without gaps. Bits of
+//! components are those of `health_component_t`.
 //!
 //! Source: <https://mavlink.io/en/services/events.html>, `src/lib/events/enums.json`,
-//! `platforms/common/include/px4_platform_common/events.h` and `src/modules/commander/HealthAndArmingChecks/Common.cpp` of PX4.
+//! `platforms/common/include/px4_platform_common/events.h` and
+//! `src/modules/commander/HealthAndArmingChecks/Common.cpp` of PX4.
 
 use super::dialect::EVENT_DATA;
 
-/// The components by their bit; the first is none in particular.
+/// Names of the components by their bit; the first one is unspecified.
 const COMPONENTS: [&str; 31] = [
     "no component",
     "absolute pressure",
@@ -45,10 +47,10 @@ const COMPONENTS: [&str; 31] = [
     "Open Drone ID",
 ];
 
-/// The summary of the arming checks.
+/// Event number of the summary of the arming checks.
 const SUMMARY: u32 = id("commander_arming_check_summary");
 
-/// The number of the autopilot's event with this name.
+/// Number of the autopilot's event with this name.
 const fn id(name: &str) -> u32 {
     let bytes = name.as_bytes();
     let mut hash = 0x811c_9dc5_u32;
@@ -60,24 +62,24 @@ const fn id(name: &str) -> u32 {
     (hash & 0x00ff_ffff) | 1 << 24
 }
 
-/// What a summary of the arming checks says.
+/// Summary of the arming checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ArmingChecks {
-    /// Components whose checks fail.
+    /// Bit mask of components with failing checks.
     failing: u32,
-    /// Modes that it can be armed in.
+    /// Bit mask of modes in which it can be armed.
     modes: u32,
 }
 
 impl ArmingChecks {
-    /// Those of an event; `None` for another event.
+    /// Decodes the summary in an event; `None` for another event.
     pub(super) fn of(event: &EVENT_DATA) -> Option<Self> {
         let word = |at: usize| event.arguments[at..].first_chunk().map(|bytes| u32::from_le_bytes(*bytes));
         let (failing, modes) = (word(1)?, word(9)?);
         (event.id == SUMMARY).then_some(Self { failing, modes })
     }
 
-    /// What keeps it from being armed, in words; `None` when nothing does.
+    /// Reason why it cannot be armed, as text; `None` when there is none.
     pub(super) fn reason(self) -> Option<String> {
         if self.failing == 0 && self.modes != 0 {
             return None;
@@ -105,7 +107,7 @@ mod tests {
 
     #[test]
     fn numbers_are_hashes_of_names() {
-        // As libevents' own test of the health and arming checks has them.
+        // Values of libevents' own test of the health and arming checks.
         assert_eq!(SUMMARY, 1 << 24 | 11_047_904);
         assert_eq!(id("commander_health_summary"), 1 << 24 | 1_914_663);
     }

@@ -1,51 +1,52 @@
-//! Counts of messages and bytes that did not arrive, by reason.
+//! Counts of discarded messages and bytes, by reason.
 
 use super::signing::SignatureFault;
 
-/// Why bytes were discarded.
+/// Reason why bytes were discarded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DropReason {
     /// Bytes (their number) that belong to no frame: line noise, another protocol, or a wrong baud rate.
     Noise(usize),
     /// The checksum is wrong.
     Checksum,
-    /// The frame is of a message that this dialect does not know, so that it cannot be checked.
+    /// The message is unknown to this dialect, so that the frame cannot be checked; number of the message.
     Unknown(u32),
-    /// The frame has incompatibility flags that this program does not know.
+    /// The frame has unknown incompatibility flags.
     Flags(u8),
-    /// The checksum is right but the content cannot be read, because a value of an enumeration is unknown; number of
-    /// the message.
+    /// The checksum is correct but the content cannot be decoded, because a value of an enumeration is
+    /// unknown; number of the message.
     Malformed(u32),
-    /// The frame is not signed as it must be.
+    /// The required signature is missing or wrong.
     Signature(SignatureFault),
 }
 
-/// Counts of everything received. Everything that is discarded is counted here.
+/// Counts of everything received, including everything discarded.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Bytes that came in.
+    /// Number of bytes received.
     pub bytes: u64,
-    /// Messages handed on.
+    /// Number of messages delivered.
     pub messages: u64,
-    /// Bytes outside of frames.
+    /// Number of bytes outside of frames.
     pub noise_bytes: u64,
-    /// Frames with a wrong checksum.
+    /// Number of frames with a wrong checksum.
     pub checksum: u64,
-    /// Frames of unknown messages.
+    /// Number of frames of unknown messages.
     pub unknown: u64,
-    /// Frames with unknown incompatibility flags.
+    /// Number of frames with unknown incompatibility flags.
     pub flags: u64,
-    /// Frames whose content cannot be read.
+    /// Number of frames whose content cannot be decoded.
     pub malformed: u64,
-    /// Frames without a signature, where one is asked for.
+    /// Number of frames without a required signature.
     pub unsigned: u64,
-    /// Frames that were signed with another key, or changed on the way.
+    /// Number of frames signed with another key, or modified in transit.
     pub wrong_signature: u64,
-    /// Frames that were rightly signed at a time that is past: played again, or the sender's clock is wrong.
+    /// Number of frames with a valid signature of a past time: replayed, or the sender's clock is wrong.
     pub replayed: u64,
-    /// Frames that were lost on the way, from gaps in the sequence numbers of each sender.
+    /// Number of frames lost in transit, from gaps in the sequence numbers of each sender.
     pub lost: u64,
-    /// Frames whose sequence number was behind: repeated, overtaken on the way, or the sender began anew.
+    /// Number of frames with an earlier sequence number: repeated, overtaken in transit, or the sender
+    /// restarted.
     pub late: u64,
 }
 
@@ -55,12 +56,12 @@ impl Counts {
         self.checksum + self.unknown + self.flags + self.malformed + self.signature()
     }
 
-    /// Number of frames that were refused for their signature.
+    /// Number of frames refused for their signature.
     pub fn signature(&self) -> u64 {
         self.unsigned + self.wrong_signature + self.replayed
     }
 
-    /// Adds what was counted elsewhere.
+    /// Adds other counts.
     pub(super) fn add(&mut self, other: &Self) {
         self.bytes += other.bytes;
         self.messages += other.messages;

@@ -10,70 +10,70 @@ use super::signing::{SignatureFault, Signing};
 use super::{CHECKSUM, HEADER_V1, HEADER_V2, LONGEST_FRAME, MavMessage, SIGNATURE, SIGNED, STX_V1, STX_V2};
 use crate::stream::Stream;
 
-/// Senders whose sequence numbers are followed at most.
+/// Largest number of senders whose sequence numbers are tracked.
 const SENDERS: usize = 64;
 
 /// Sender of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
-    /// System: the vehicle or the ground station.
+    /// System id: the vehicle or the ground station.
     pub system: u8,
-    /// Component of the system.
+    /// Component id within the system.
     pub component: u8,
-    /// Number of the frame, one more for each of this sender.
+    /// Sequence number of the sender's frames.
     pub sequence: u8,
-    /// Whether it came in a MAVLink 2 frame.
+    /// True for a MAVLink 2 frame.
     pub v2: bool,
 }
 
-/// What the bytes were.
+/// Event decoded from the received bytes.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(
     clippy::large_enum_variant,
     reason = "the message is the common case and lives on the stack for a moment"
 )]
 pub enum Event {
-    /// A message whose checksum and signature hold.
+    /// A message with a correct checksum and signature.
     Message(Header, MavMessage),
-    /// Bytes that were given up.
+    /// Discarded bytes.
     Dropped(DropReason),
 }
 
-/// Finds messages in a stream of bytes, or in datagrams. A damaged frame costs itself alone: the search goes on
-/// behind its first byte.
+/// Finds messages in a stream of bytes, or in datagrams. A damaged frame does not affect others: the search
+/// continues after its first byte.
 #[derive(Debug, Default)]
 pub struct Deframer {
     stream: Stream,
-    /// Length of the frame that was read last.
+    /// Length of the last decoded frame.
     last: usize,
     signing: Option<Signing>,
     senders: BTreeMap<(u8, u8), u8>,
     counts: Counts,
-    /// What came in datagrams that were not recognised.
+    /// Counts of datagrams that were not recognised.
     strangers: Counts,
 }
 
-/// What stands at the front of the buffer.
+/// Content at the front of the buffer.
 #[expect(
     clippy::large_enum_variant,
     reason = "lives on the stack for one call; a box would allocate per message"
 )]
 enum Head {
-    /// Not a whole frame yet.
+    /// An incomplete frame.
     Incomplete,
-    /// So many bytes are given up.
+    /// Number of bytes to discard, with the reason.
     Drop(usize, DropReason),
-    /// A frame of so many bytes.
+    /// A frame with its length.
     Frame(usize, Header, MavMessage),
 }
 
 impl Deframer {
-    /// A deframer that takes all frames, signed or not.
+    /// A deframer that accepts all frames, signed or not.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A deframer that takes frames signed with this key alone.
+    /// A deframer that accepts only frames signed with this key.
     pub fn with_signing(signing: Signing) -> Self {
         Self { signing: Some(signing), ..Self::default() }
     }
@@ -83,16 +83,16 @@ impl Deframer {
         &self.counts
     }
 
-    /// Counts of everything received so far, and of what came in datagrams that were not recognised.
+    /// Counts of everything received so far, including datagrams that were not recognised.
     pub fn counts_with_strangers(&self) -> Counts {
         let mut counts = self.counts;
         counts.add(&self.strangers);
         counts
     }
 
-    /// Whether a datagram of somebody who is not believed yet holds, by itself, a message that `is_wanted`, rightly signed
-    /// where that is asked for. Nothing that is half received changes, and no signature is used up; the datagram is
-    /// still to be taken in.
+    /// True when a datagram of an unknown sender contains, by itself, a message that `is_wanted`, correctly
+    /// signed where required. Partly received data stay unchanged, and no signature is used up; the datagram
+    /// must still be pushed.
     pub fn recognises(
         &mut self,
         datagram: &[u8],
@@ -112,20 +112,20 @@ impl Deframer {
         found
     }
 
-    /// Takes bytes in. Call [`Deframer::next`] until it returns `None` before the next bytes.
+    /// Adds received bytes. Call [`Deframer::next`] until it returns `None` before adding more.
     pub fn push(&mut self, bytes: &[u8]) {
         self.counts.bytes += bytes.len() as u64;
         self.stream.push(bytes);
     }
 
-    /// Says that no more bytes belong to what came in: the end of a datagram, or of a connection. The rest of a
-    /// frame that was cut off is given up.
+    /// Marks the end of a datagram or of a connection: no more bytes follow. The rest of a truncated frame is
+    /// discarded.
     pub fn end(&mut self) -> Option<Event> {
         let left = self.stream.clear();
         (left > 0).then(|| self.dropped(DropReason::Noise(left)))
     }
 
-    /// The next message or drop; `None` until more bytes come.
+    /// The next message or drop; `None` until more bytes arrive.
     pub fn next(&mut self, now: Duration) -> Option<Event> {
         match self.head(now) {
             Head::Incomplete => None,
@@ -144,7 +144,7 @@ impl Deframer {
         }
     }
 
-    /// The bytes of the message or drop that [`Deframer::next`] gave last, until the next call of anything else.
+    /// Bytes of the message or drop returned last by [`Deframer::next`], valid until the next call.
     pub fn frame(&self) -> &[u8] {
         self.stream.behind(self.last)
     }
@@ -184,8 +184,8 @@ impl Deframer {
         let (id, header) = parse_header(bytes, v2);
         let extra = MavMessage::extra_crc(id);
         if extra == 0 && MavMessage::default_message_from_id(id).is_none() {
-            // It cannot be checked. When another frame or nothing follows it was one of another dialect; else the
-            // bytes only look like a frame, and a real one may begin within.
+            // The frame cannot be checked. When another frame or nothing follows it was one of another
+            // dialect; else the bytes only look like a frame, and a real one may begin within.
             let skip = match bytes.get(whole) {
                 None | Some(&(STX_V1 | STX_V2)) => whole,
                 Some(_) => 1,
@@ -215,7 +215,7 @@ impl Deframer {
         }
     }
 
-    /// Counts gaps in a sender's numbers. More than half the circle ahead counts as behind.
+    /// Counts gaps in a sender's sequence numbers. More than half the range ahead counts as behind.
     fn follow(&mut self, header: Header) {
         let sender = (header.system, header.component);
         if !self.senders.contains_key(&sender) && self.senders.len() >= SENDERS {

@@ -7,10 +7,11 @@ use mavlink::{MavlinkVersion, Message, calculate_crc};
 use super::signing::Signing;
 use super::{HEADER_V2, MavMessage, SIGNED, STX_V2};
 
-/// Longest payload of a MAVLink 2 frame, and a margin: the dialect's serialisers want room for a whole message.
+/// Longest payload of a MAVLink 2 frame, with a margin: the dialect's serialisers need space for a whole
+/// message.
 const PAYLOAD_ROOM: usize = 256;
 
-/// Makes MAVLink 2 frames, numbered and, with a key, signed.
+/// Encodes MAVLink 2 frames, numbered and, with a key, signed.
 #[derive(Debug, Clone)]
 pub struct Encoder {
     system: u8,
@@ -20,7 +21,7 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// An encoder that speaks as this system and component.
+    /// An encoder with this system and component id.
     pub fn new(system: u8, component: u8) -> Self {
         Self { system, component, sequence: 0, signing: None }
     }
@@ -32,7 +33,8 @@ impl Encoder {
         self
     }
 
-    /// Appends the frame of a message to `out`; trailing zeros of the payload are left out, as the protocol says.
+    /// Appends the frame of a message to `out`; trailing zeros of the payload are left out, as the protocol
+    /// requires.
     pub fn encode(&mut self, message: &MavMessage, now: Duration, out: &mut Vec<u8>) {
         let start = out.len();
         let mut payload = [0; PAYLOAD_ROOM];
@@ -40,7 +42,7 @@ impl Encoder {
         let id = message.message_id();
         let flags = if self.signing.is_some() { SIGNED } else { 0 };
         let id_bytes = id.to_le_bytes();
-        // A payload is at most 255 bytes: its length is one byte of the frame.
+        // A payload has at most 255 bytes: its length is one byte of the frame.
         let head: [u8; HEADER_V2] = [
             STX_V2,
             length as u8,

@@ -1,10 +1,10 @@
-//! What the health bits of SYS_STATUS say against arming.
+//! Decodes the health bits of SYS_STATUS as reasons against arming.
 //!
 //! Source: `MAV_SYS_STATUS_SENSOR` of <https://mavlink.io/en/messages/common.html>.
 
 use super::dialect::{MavSysStatusSensor, SYS_STATUS_DATA};
 
-/// The parts by their bit.
+/// Names of the parts by their bit.
 const PARTS: [&str; 31] = [
     "gyroscope",
     "accelerometer",
@@ -44,9 +44,9 @@ const CHECKS: u32 = MavSysStatusSensor::MAV_SYS_STATUS_PREARM_CHECK.bits();
 /// The health of an autopilot's parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Health {
-    /// Parts that are there, in use, and not well.
+    /// Bit mask of parts that are present, enabled, and unhealthy.
     ill: u32,
-    /// It tells whether its pre-arm checks pass.
+    /// True when it reports whether its pre-arm checks pass.
     has_checks: bool,
 }
 
@@ -56,7 +56,8 @@ impl Health {
         Self { ill: used & !status.onboard_control_sensors_health.bits(), has_checks: used & CHECKS != 0 }
     }
 
-    /// What keeps it from being armed, in words; `None` when nothing does. A part that is ill is no reason when the checks pass.
+    /// Reason why it cannot be armed, as text; `None` when there is none. An unhealthy part is no reason when
+    /// the checks pass.
     pub(super) fn reason(self) -> Option<String> {
         let failing = self.ill & CHECKS != 0;
         let named = PARTS.iter().enumerate().filter(|(bit, _)| (self.ill & !CHECKS) >> bit & 1 == 1);

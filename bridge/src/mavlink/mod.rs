@@ -39,15 +39,15 @@ pub use signing::{Key, SignatureFault, Signing};
 const STX_V1: u8 = 0xFE;
 /// First byte of a MAVLink 2 frame.
 const STX_V2: u8 = 0xFD;
-/// Bytes in front of the payload, with the first byte.
+/// Length of a MAVLink 1 header, including the first byte.
 const HEADER_V1: usize = 6;
-/// Bytes in front of the payload, with the first byte.
+/// Length of a MAVLink 2 header, including the first byte.
 const HEADER_V2: usize = 10;
-/// Bytes of the checksum.
+/// Length of the checksum in bytes.
 const CHECKSUM: usize = 2;
-/// Bytes of a signature: link, time stamp, hash.
+/// Length of a signature in bytes: link, time stamp, hash.
 const SIGNATURE: usize = 13;
-/// The one incompatibility flag that is defined: the frame is signed.
+/// The only defined incompatibility flag: the frame is signed.
 const SIGNED: u8 = 1;
 /// Longest frame.
 pub const LONGEST_FRAME: usize = HEADER_V2 + 255 + CHECKSUM + SIGNATURE;

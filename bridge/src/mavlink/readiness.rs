@@ -1,5 +1,6 @@
-//! Why an autopilot does not arm, as far as it says so over MAVLink: its words, the summary of its arming checks (an EVENT), the
-//! health bits of SYS_STATUS, where EXTENDED_SYS_STATE says that it is, and its answer to a command to arm.
+//! Collects reasons why an autopilot does not arm from its MAVLink messages: its texts, the summary of its
+//! arming checks (an EVENT), the health bits of SYS_STATUS, the state in EXTENDED_SYS_STATE, and its answer
+//! to a command to arm.
 
 use super::MavMessage;
 use super::arming_checks::ArmingChecks;
@@ -11,23 +12,23 @@ use super::health::Health;
 use super::status_text::status_text;
 use crate::note::Notes;
 
-/// What an autopilot has said of it. What changes is told, once.
+/// Reported readiness of an autopilot. Each change is reported once.
 #[derive(Debug, Clone)]
 pub struct Readiness {
     name: &'static str,
-    /// Its heartbeats say that it is armed.
+    /// True when its heartbeats report that it is armed.
     armed: bool,
     words: Option<String>,
     checks: Option<ArmingChecks>,
     health: Option<Health>,
     in_air: bool,
     refusal: Option<&'static str>,
-    /// All of it in one line.
+    /// All reasons in one line.
     said: Option<String>,
 }
 
 impl Readiness {
-    /// Nothing was said yet; `name` is the autopilot's in what is told.
+    /// State without any report; `name` is the autopilot's name in notes.
     pub fn new(name: &'static str) -> Self {
         Self {
             name,
@@ -41,17 +42,17 @@ impl Readiness {
         }
     }
 
-    /// Why it is not armed, as far as it said.
+    /// Reported reason why it is not armed.
     pub fn said(&self) -> Option<&str> {
         self.said.as_deref()
     }
 
-    /// Whether its heartbeats say that it is armed.
+    /// True when its heartbeats report that it is armed.
     pub fn is_armed(&self) -> bool {
         self.armed
     }
 
-    /// Its heartbeats say whether it is armed. What refused it before is over then.
+    /// Sets the armed state of its heartbeats, which clears earlier refusals when armed.
     pub fn set_armed(&mut self, armed: bool) {
         self.armed = armed;
         if armed {
@@ -60,7 +61,7 @@ impl Readiness {
         }
     }
 
-    /// Hears a message of the autopilot.
+    /// Processes a message of the autopilot.
     pub fn hear(&mut self, message: &MavMessage, notes: &mut Notes) {
         match message {
             MavMessage::STATUSTEXT(m) => self.words(m, notes),
@@ -92,7 +93,7 @@ impl Readiness {
         };
         let failed_before = self.checks.is_some_and(|before| before.reason().is_some());
         match checks.reason() {
-            // In flight they are about the modes that it could go to.
+            // In flight the checks concern the modes to which it could change.
             Some(_) if self.armed => {}
             Some(reason) => notes.warn(format!("{} cannot be armed: {reason}", self.name)),
             None if failed_before => {
@@ -109,7 +110,7 @@ impl Readiness {
             return;
         }
         self.health = Some(health);
-        // The summary of the checks says the same, and more.
+        // The summary of the checks contains the same, and more.
         if let Some(reason) = health.reason().filter(|_| !self.armed && self.checks.is_none()) {
             notes.warn(format!("{} cannot be armed: {reason}", self.name));
         }
@@ -151,7 +152,7 @@ impl Readiness {
     }
 
     fn put_together(&mut self) {
-        // The summary of the checks says what the health bits say, and more.
+        // The summary of the checks contains the health bits, and more.
         let checks = match self.checks {
             Some(checks) => checks.reason(),
             None => self.health.and_then(Health::reason),

@@ -1,7 +1,7 @@
-//! Signatures of MAVLink 2 frames: SHA-256 over key, frame, link and time, of which 6 bytes travel.
+//! Signatures of MAVLink 2 frames: SHA-256 over key, frame, link and time, of which 6 bytes are transmitted.
 //!
-//! Source: <https://mavlink.io/en/guide/message_signing.html>. Times count in 10 us since 1 January 2015 and must
-//! grow with every frame of a stream, so that a recorded frame cannot be played again.
+//! Source: <https://mavlink.io/en/guide/message_signing.html>. Times count in 10 us since 1 January 2015 and
+//! must increase with every frame of a stream, so that a recorded frame cannot be replayed.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,16 +10,16 @@ use sha2::{Digest, Sha256};
 
 use super::SIGNATURE;
 
-/// Oldest first frame of a stream that is believed: one minute, in units of 10 us.
+/// Largest age of a stream's first frame: one minute, in units of 10 us.
 const OLDEST_NEW_STREAM: u64 = 60 * 100_000;
 
-/// Streams remembered at most; more would let a stranger fill the memory.
+/// Largest number of streams remembered; otherwise other senders could fill the memory.
 const STREAMS: usize = 64;
 
 /// 1 January 2015, as a Unix time, s.
 const EPOCH_2015: Duration = Duration::from_secs(1_420_070_400);
 
-/// The secret that both ends share: 32 bytes.
+/// Secret key shared by both ends: 32 bytes.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Key(pub [u8; 32]);
 
@@ -30,7 +30,7 @@ impl std::fmt::Debug for Key {
 }
 
 impl Key {
-    /// The key in a text: 64 hexadecimal digits are the key itself, anything else is a passphrase.
+    /// The key of a text: 64 hexadecimal digits are the key itself, any other text is a passphrase.
     pub fn from_text(text: &str) -> Self {
         let mut key = [0; 32];
         let digits = text.as_bytes().chunks(2).zip(&mut key);
@@ -44,22 +44,22 @@ impl Key {
         if is_key { Self(key) } else { Self::from_passphrase(text) }
     }
 
-    /// The key that a passphrase makes: its SHA-256, as ground stations do.
+    /// The key of a passphrase: its SHA-256, as in ground stations.
     pub fn from_passphrase(passphrase: &str) -> Self {
         Self(Sha256::digest(passphrase.as_bytes()).into())
     }
 }
 
-/// Why a frame was refused for its signature.
+/// Reason why a frame was refused for its signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SignatureFault {
     /// The frame has no signature.
     Missing,
-    /// The signature was made with another key, or the frame was changed.
+    /// The signature was made with another key, or the frame was modified.
     Wrong,
-    /// The time of the frame is not after that of the frame before: the frame was replayed.
+    /// The time of the frame is not after that of the previous frame: the frame was replayed.
     Replayed,
-    /// The stream of the frame begins more than a minute in the past.
+    /// The first frame of the stream is more than a minute old.
     Old,
 }
 
@@ -70,7 +70,7 @@ pub struct Signing {
     link: u8,
     /// Time at the origin of `now`, in 10 us since 2015.
     origin: u64,
-    /// The greatest time sent or believed.
+    /// The latest time sent or accepted.
     newest: u64,
     streams: BTreeMap<(u8, u8, u8), u64>,
 }
@@ -82,7 +82,7 @@ impl Signing {
         Self { key, link, origin, newest: 0, streams: BTreeMap::new() }
     }
 
-    /// The signature of a frame without one; `frame` begins with its first byte and ends with its checksum.
+    /// The signature of an unsigned frame; `frame` begins with its first byte and ends with its checksum.
     pub fn sign(&mut self, frame: &[u8], now: Duration) -> [u8; SIGNATURE] {
         self.newest = (self.newest + 1).max(self.clock(now));
         let mut signature = [0; SIGNATURE];

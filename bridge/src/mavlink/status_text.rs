@@ -1,8 +1,8 @@
-//! What a vehicle says in words.
+//! Status texts of a vehicle.
 
 use super::dialect::{MavSeverity, STATUSTEXT_DATA};
 
-/// Its words on one line, and whether it calls them a warning or worse; `None` for words that are none.
+/// A status text in one line, and whether it is a warning or worse; `None` for an empty text.
 pub(super) fn status_text(message: &STATUSTEXT_DATA) -> Option<(bool, String)> {
     let text = message.text.to_str().ok()?.trim();
     let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();

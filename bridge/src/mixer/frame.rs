@@ -1,4 +1,4 @@
-//! Geometry of the actuators, and the effect of each on every axis.
+//! Geometry of the actuators, with the effect of each on every axis.
 
 use std::f64::consts::TAU;
 
@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::ConfigError;
 
-/// Most actuator outputs of an autopilot.
+/// Largest number of actuator outputs of an autopilot.
 pub const MAX_OUTPUTS: usize = 32;
 
-/// The arrangement of the actuators.
+/// Arrangement of the actuators.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FrameKind {
@@ -24,16 +24,16 @@ pub enum FrameKind {
     Ccpm,
 }
 
-/// Quantities that actuators can demand.
+/// Demands on the actuators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Demand {
-    /// About the longitudinal axis.
+    /// Moment about the longitudinal axis.
     Roll,
-    /// About the lateral axis.
+    /// Moment about the lateral axis.
     Pitch,
-    /// About the vertical axis.
+    /// Moment about the vertical axis.
     Yaw,
-    /// Along the vertical axis.
+    /// Force along the vertical axis.
     Vertical,
 }
 
@@ -48,7 +48,7 @@ impl Demand {
         }
     }
 
-    /// The state whose derivative it moves.
+    /// The state whose derivative the demand changes.
     pub(super) fn state(self) -> &'static str {
         match self {
             Self::Roll => "roll_rate",
@@ -67,7 +67,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The arrangement; `azimuths` in rad, for a swashplate alone.
+    /// The frame of an arrangement; `azimuths` in rad, for a swashplate only.
     ///
     /// # Errors
     /// [`ConfigError`] for azimuths that cannot tilt a swashplate.
@@ -97,32 +97,32 @@ impl Frame {
         self.shares.len()
     }
 
-    /// Whether actuators are motors, from 0 to 1, and not servos, from -1 to 1.
+    /// True when the actuators are motors, from 0 to 1, and not servos, from -1 to 1.
     pub fn is_motors(&self) -> bool {
         self.motors
     }
 
-    /// Share of a demand that a fully deflected actuator adds.
+    /// Contribution of a fully deflected actuator to a demand.
     pub fn share(&self, demand: Demand, actuator: usize) -> f64 {
         self.shares.get(actuator).map_or(0.0, |s| s[demand as usize])
     }
 
-    /// Four motors with these shares in roll and pitch, such that the most that they can do is 1. The first two turn
-    /// counter-clockwise, so that their drag turns the nose to the right.
+    /// Four motors with these shares in roll and pitch, scaled so that their largest demand is 1. The first
+    /// two turn counter-clockwise, so that their drag turns the nose to the right.
     fn quad(roll: [f64; 4], pitch: [f64; 4]) -> Self {
         let shares = (0..4).map(|i| [roll[i], pitch[i], if i < 2 { 0.5 } else { -0.5 }, 0.25]);
         Self { shares: shares.collect(), motors: true }
     }
 }
 
-/// Servo i at azimuth a is raised by collective + pitch cos a - roll sin a, where a positive pitch raises the front and a
-/// positive roll the left. The shares are the least-squares inverse of that, by the normal equations.
+/// Servo i at azimuth a is raised by collective + pitch cos a - roll sin a, where a positive pitch raises the
+/// front and a positive roll the left. The shares are the least-squares inverse, by the normal equations.
 fn swashplate(azimuths: &[f64]) -> Option<Vec<[f64; 4]>> {
     let rows: Vec<nalgebra::RowVector3<f64>> =
         azimuths.iter().map(|a| nalgebra::RowVector3::new(-a.sin(), a.cos(), 1.0)).collect();
     let forward = nalgebra::MatrixXx3::from_rows(&rows);
     let normal = forward.transpose() * &forward;
-    // A determinant this small means that the servos are on a line.
+    // So small a determinant means that the servos are on a line.
     if normal.determinant() < 1e-6 {
         return None;
     }

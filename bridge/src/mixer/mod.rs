@@ -1,8 +1,8 @@
 //! Mixer from the outputs of an autopilot to the inputs of the vehicle.
 //!
-//! An autopilot drives motors or swashplate servos; the model of the vehicle is driven by `u_roll` and `u_pitch`. The
-//! mixer undoes the autopilot's own mixer: what the actuators together ask for about each axis, as a share of the most
-//! that they can, times the size of the vehicle's input.
+//! An autopilot drives motors or swashplate servos; the model of the vehicle is driven by `u_roll` and
+//! `u_pitch`. The mixer inverts the autopilot's own mixer: the demand of all actuators about each axis, as a
+//! share of the largest possible one, times the scale of the vehicle's input.
 //!
 //! | axis | positive | full deflection (1) |
 //! |---|---|---|
@@ -26,45 +26,46 @@ use crate::quantity;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MixerOptions {
-    /// Where the actuators are.
+    /// Arrangement of the actuators.
     pub frame: FrameKind,
     /// Output of each actuator, from 1, in the order of the frame; the autopilot's own order when absent.
     pub outputs: Option<Vec<usize>>,
     /// Azimuth of each swashplate servo, clockwise from the nose, rad; for the frame `ccpm`.
     #[serde(deserialize_with = "quantity::angles")]
     pub azimuths: Option<Vec<f64>>,
-    /// Outputs that work the other way round, from 1.
+    /// Outputs with reversed sign, from 1.
     pub reversed: Vec<usize>,
-    /// The collective at which the vehicle keeps its height, 0 to 1 for motors, -1 to 1 for a swashplate.
+    /// Collective at which the vehicle keeps its height, 0 to 1 for motors, -1 to 1 for a swashplate.
     pub hover: Option<f64>,
-    /// How roll reaches the vehicle.
+    /// Mapping of roll to the vehicle.
     pub roll: AxisOptions,
-    /// How pitch reaches the vehicle.
+    /// Mapping of pitch to the vehicle.
     pub pitch: AxisOptions,
-    /// How yaw reaches the vehicle, if it has a yaw axis.
+    /// Mapping of yaw to the vehicle, if it has a yaw axis.
     pub yaw: AxisOptions,
-    /// How the collective reaches the vehicle, if it has a vertical axis.
+    /// Mapping of the collective to the vehicle, if it has a vertical axis.
     pub vertical: AxisOptions,
 }
 
-/// How one axis reaches the vehicle: input = trim + scale x demand, or whatever inputs give it its acceleration.
+/// Mapping of one axis to the vehicle: input = trim + scale x demand, or the inputs that give its
+/// acceleration.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AxisOptions {
-    /// The vehicle's input; `u_` and the axis when absent.
+    /// Input of the vehicle; `u_` and the axis when absent.
     pub input: Option<String>,
-    /// The input at full deflection; when absent, the input's limit, with the sign that makes a positive demand turn the
-    /// model the positive way.
+    /// Input at full deflection; when absent, the input's limit, with the sign for which a positive demand
+    /// gives a positive rotation of the model.
     pub scale: Option<f64>,
-    /// The acceleration of the axis at full deflection, rad/s^2 or m/s^2, in place of a scale. The inputs that make it,
-    /// and no acceleration of the other axes, follow from B; every axis needs it, or none.
+    /// Acceleration of the axis at full deflection, rad/s^2 or m/s^2, in place of a scale. The inputs that
+    /// cause it, and no acceleration of the other axes, follow from B; either every axis has it, or none.
     #[serde(deserialize_with = "quantity::acceleration")]
     pub acceleration: Option<f64>,
-    /// The input without a demand.
+    /// Input at zero demand.
     pub trim: f64,
 }
 
-/// Turns outputs into inputs.
+/// Converts outputs of an autopilot to inputs of the vehicle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mixer {
     frame: Frame,
@@ -72,7 +73,7 @@ pub struct Mixer {
     reversed: Vec<bool>,
     hover: f64,
     axes: Vec<Axis>,
-    /// What each axis's demand adds to each axis's input.
+    /// Gain from each axis's demand to each axis's input.
     gains: DMatrix<f64>,
     count: usize,
     neutral: Vec<f64>,
@@ -88,14 +89,15 @@ struct Axis {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Size {
-    /// Of the input, at full deflection.
+    /// Input at full deflection.
     Input(f64),
-    /// Of the axis's acceleration, at full deflection.
+    /// Acceleration of the axis at full deflection.
     Acceleration(f64),
 }
 
 impl Mixer {
-    /// A mixer for a vehicle; `native` is the order of the autopilot's outputs, from 1, as [`MixerOptions::outputs`].
+    /// A mixer for a vehicle; `native` is the order of the autopilot's outputs, from 1, as
+    /// [`MixerOptions::outputs`].
     ///
     /// # Errors
     /// [`ConfigError`] when an input is missing or its size unknown, or the actuators are impossible.
@@ -147,22 +149,22 @@ impl Mixer {
         self.count
     }
 
-    /// The inputs while nobody flies.
+    /// Neutral inputs.
     pub fn neutral(&self) -> &[f64] {
         &self.neutral
     }
 
-    /// The outputs that it uses.
+    /// The outputs used by the mixer.
     pub fn used<'o>(&'o self, outputs: &'o [f64]) -> impl Iterator<Item = f64> + 'o {
         self.outputs.iter().filter_map(|o| outputs.get(o - 1).copied())
     }
 
-    /// The first of the outputs that it uses, from 1, among those whose bit is set.
+    /// The first output used by the mixer, from 1, among those whose bit is set.
     pub fn first_used(&self, bits: u32) -> Option<usize> {
         self.outputs.iter().copied().filter(|output| bits >> (output - 1) & 1 == 1).min()
     }
 
-    /// The demand that the outputs make about an axis, as a share of the greatest possible one.
+    /// Demand of the outputs about an axis, as a share of the largest possible one.
     pub fn demand(&self, demand: Demand, outputs: &[f64]) -> f64 {
         let value = |i: usize| {
             let value = self.outputs.get(i).and_then(|o| outputs.get(o - 1)).copied().unwrap_or(0.0);
@@ -176,8 +178,8 @@ impl Mixer {
         (0..self.frame.count()).map(|i| self.frame.share(demand, i) * value(i)).sum::<f64>() - hover
     }
 
-    /// Puts the inputs that belong to `outputs` into `u`, which has one place for each input of the vehicle. Inputs that
-    /// no axis reaches are neutral. An output that is absent counts as zero.
+    /// Writes the inputs for `outputs` to `u`, which has one element for each input of the vehicle. Inputs
+    /// without an axis are neutral. A missing output counts as zero.
     pub fn mix(&self, outputs: &[f64], u: &mut [f64]) {
         u.copy_from_slice(&self.neutral);
         for axis in &self.axes {
@@ -186,7 +188,7 @@ impl Mixer {
         for (j, from) in self.axes.iter().enumerate() {
             let demand = self.demand(from.demand, outputs);
             for (i, to) in self.axes.iter().enumerate() {
-                // An axis without gain is not touched, so that what is no number does not spread.
+                // Zero gains are skipped, so that NaN does not spread.
                 if self.gains[(i, j)] != 0.0 {
                     u[to.input] += self.gains[(i, j)] * demand;
                 }
@@ -237,8 +239,8 @@ fn axis(
     Ok(Some(Axis { demand, input, size, trim: finite("trim", options.trim)? }))
 }
 
-/// What each axis's demand adds to each axis's input: the scales, or the inverse of the part of B that joins inputs and
-/// accelerations of the axes, times the accelerations.
+/// Gains from each axis's demand to each axis's input: the scales, or the inverse of the part of B from
+/// inputs to accelerations of the axes, times the accelerations.
 fn gains(axes: &[Axis], vehicle: &Vehicle) -> Result<DMatrix<f64>, ConfigError> {
     let n = axes.len();
     let mut accelerations = DMatrix::zeros(n, n);
@@ -283,7 +285,7 @@ fn gains(axes: &[Axis], vehicle: &Vehicle) -> Result<DMatrix<f64>, ConfigError> 
     }
 }
 
-/// The greater of the input's two limits, with the sign of its effect on the axis.
+/// The larger of the input's two limits, with the sign of its effect on the axis.
 fn default_scale(demand: Demand, input: usize, vehicle: &Vehicle) -> Option<f64> {
     let state = vehicle.state_index(demand.state())?;
     let effect = vehicle.b[(state, input)];

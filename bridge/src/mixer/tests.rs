@@ -18,7 +18,8 @@ fn mixed(options: &MixerOptions, outputs: &[f64]) -> Vec<f64> {
 #[test]
 fn a_quad_turns_the_model_the_way_its_motors_say() {
     let options = MixerOptions::default();
-    // Both inputs of the paper's quadrotor work backwards: a positive one turns it to the left and the nose down.
+    // Both inputs of the paper's quadrotor have reversed signs: a positive one turns it to the left and the
+    // nose down.
     assert_eq!(mixed(&options, &[0.5; 4]), [0.0, 0.0], "hover");
     assert_eq!(mixed(&options, &[0.0, 1.0, 1.0, 0.0]), [-20.0, 0.0], "left full: all to the right");
     assert_eq!(mixed(&options, &[1.0, 0.0, 1.0, 0.0]), [0.0, -20.0], "front full: nose up");
@@ -122,7 +123,7 @@ fn a_mixer_that_does_not_fit_is_refused_with_its_key() {
 }
 
 proptest! {
-    /// Demands within what the motors can do come back through any autopilot's mixer.
+    /// Demands within the motors' range are recovered from any autopilot's mixer.
     #[test]
     fn mixing_undoes_mixing(roll in -0.3..0.3f64, pitch in -0.3..0.3f64, yaw in -0.3..0.3f64) {
         let mixer = Mixer::new(&MixerOptions::default(), &NATIVE, &vehicle()).unwrap();

@@ -1,8 +1,9 @@
-//! Who the other end of a link is.
+//! Determines the peer of a link, the other end that is accepted.
 //!
-//! An address is not believed because something came from it: the first that says something valid in the protocol is
-//! the peer, and stays it for as long as it goes on. Meanwhile whoever else speaks is refused before a byte of it is decoded,
-//! so that a flood costs little and can steal nothing. A [`Pin`] in the configuration refuses all others from the start.
+//! A sender does not become the peer by sending anything: the first one with a valid message in the protocol
+//! is the peer, and stays it as long as it continues. Meanwhile data of other senders are refused without
+//! decoding, so that a flood costs little and cannot take over the link. A [`Pin`] in the configuration
+//! refuses all others from the start.
 //!
 //! ```
 //! use std::time::Duration;
@@ -24,10 +25,10 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// A peer that has sent nothing valid for so long may be replaced.
+/// Silence after which a peer may be replaced.
 pub const SILENCE: Duration = Duration::from_secs(1);
 
-/// The only sender that is believed: a host, or a host and a port.
+/// The only accepted sender: a host, or a host and a port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Pin {
@@ -38,7 +39,7 @@ pub enum Pin {
 }
 
 impl Pin {
-    /// Whether this sender is meant. An IPv4 address in IPv6's notation is the same address.
+    /// True when this sender matches. An IPv4 address in IPv6 notation is the same address.
     pub fn admits(self, from: SocketAddr) -> bool {
         let ip = from.ip().to_canonical();
         match self {
@@ -48,7 +49,7 @@ impl Pin {
     }
 }
 
-/// A text that names no sender.
+/// The text is not a valid sender.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is no numeric address: 192.0.2.7 or 192.0.2.7:14550 is expected")]
 pub struct PinError(String);
@@ -85,30 +86,30 @@ impl std::fmt::Display for Pin {
     }
 }
 
-/// What is to be done with something that came.
+/// Verdict on received data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// It is the peer's: decode it.
+    /// The data are from the peer and are to be decoded.
     Peer,
-    /// There is no peer that speaks: adopt the sender if it is valid by itself.
+    /// There is no active peer: adopt the sender if the data are valid by themselves.
     Candidate,
-    /// Give it up unread.
+    /// Discard the data unread.
     Refused,
 }
 
-/// Datagrams and clients that were given up because of who sent them.
+/// Counts of datagrams and clients discarded because of their sender.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PeerCounts {
-    /// Of a second sender, while the peer speaks.
+    /// Number from a second sender, while the peer is active.
     pub second: u64,
-    /// Of a sender that is not the pinned one.
+    /// Number from another sender than the pinned one.
     pub not_pinned: u64,
-    /// Of a sender who was not the peer, and nothing valid in the protocol.
+    /// Number from a sender that was not the peer, without valid data.
     pub invalid: u64,
 }
 
 impl PeerCounts {
-    /// All of them.
+    /// Sum of all counts.
     pub fn sum(&self) -> u64 {
         self.second + self.not_pinned + self.invalid
     }
@@ -126,56 +127,56 @@ impl std::ops::Add for PeerCounts {
     }
 }
 
-/// What the user is to know. Each is told once for a peer, however often it happens.
+/// Notes to the user. Each is reported once per peer.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PeerNote {
-    /// The first peer.
+    /// The first peer was adopted.
     #[error("the other end is {0}")]
     Adopted(SocketAddr),
-    /// Another peer after the first.
+    /// Another peer has replaced the previous one.
     #[error("the other end is {address} now: {before} had sent nothing valid for {}", seconds(silence))]
     Replaced {
         /// The new peer.
         address: SocketAddr,
-        /// The old one.
+        /// Address of the previous peer.
         before: SocketAddr,
-        /// How long it was silent at least.
+        /// Silence of the previous peer, at least.
         silence: Duration,
     },
-    /// Somebody speaks beside the peer.
+    /// A second sender besides the peer.
     #[error("{address} sends as well and is refused: {peer} is the other end and is active")]
     Second {
-        /// Who is refused.
+        /// Address of the refused sender.
         address: SocketAddr,
-        /// The peer.
+        /// Address of the peer.
         peer: SocketAddr,
     },
-    /// Somebody who is not pinned.
+    /// A sender that is not the pinned one.
     #[error("{address} is refused: only {pin} is accepted here")]
     NotPinned {
-        /// Who is refused.
+        /// Address of the refused sender.
         address: SocketAddr,
-        /// Who is not.
+        /// The pinned sender.
         pin: Pin,
     },
-    /// What came makes no peer.
+    /// Data that are not valid by themselves.
     #[error("{bytes} bytes from {address} are refused: they are not valid messages of the protocol")]
     Invalid {
-        /// Who sent them.
+        /// Address of the sender.
         address: SocketAddr,
-        /// How many.
+        /// Number of bytes.
         bytes: usize,
     },
 }
 
 impl PeerNote {
-    /// Whether the user should look at it.
+    /// True for a warning.
     pub fn is_warning(&self) -> bool {
         !matches!(self, Self::Adopted(_))
     }
 }
 
-/// A time of the configuration in words.
+/// A configured time as text.
 fn seconds(time: &Duration) -> String {
     format!("{} s", time.as_secs_f64())
 }
@@ -183,25 +184,25 @@ fn seconds(time: &Duration) -> String {
 #[derive(Debug, Clone, Copy)]
 struct Held {
     address: SocketAddr,
-    /// When it said something valid last, or came.
+    /// Time of its last valid data, or of its connection.
     at: Duration,
     has_spoken: bool,
 }
 
-/// Keeps the peer of one link.
+/// Determines the peer of one link.
 #[derive(Debug, Clone)]
 pub struct PeerKeeper {
     pin: Option<Pin>,
     silence: Duration,
     held: Option<Held>,
     counts: PeerCounts,
-    /// What was told since the peer came.
+    /// Counts reported since the peer was adopted.
     told: PeerCounts,
     notes: VecDeque<PeerNote>,
 }
 
 impl PeerKeeper {
-    /// A link without a peer, which may be replaced after `silence`.
+    /// A link without a peer; a peer may be replaced after `silence`.
     pub fn new(pin: Option<Pin>, silence: Duration) -> Self {
         Self {
             pin,
@@ -213,27 +214,27 @@ impl PeerKeeper {
         }
     }
 
-    /// The peer.
+    /// Address of the peer.
     pub fn peer(&self) -> Option<SocketAddr> {
         self.held.map(|held| held.address)
     }
 
-    /// How long a peer may be silent.
+    /// Silence after which a peer may be replaced.
     pub fn silence(&self) -> Duration {
         self.silence
     }
 
-    /// Whether nobody has to be waited for any more: no peer, or one that is silent for too long.
+    /// True when a new peer may be adopted: there is none, or it has been silent for too long.
     pub fn is_free(&self, now: Duration) -> bool {
         self.held.is_none_or(|held| now.saturating_sub(held.at) > self.silence)
     }
 
-    /// Whether the peer has ever said something valid.
+    /// True when the peer has ever sent valid data.
     pub fn has_spoken(&self) -> bool {
         self.held.is_some_and(|held| held.has_spoken)
     }
 
-    /// Whether a sender is not kept off by the pin; one that is, is counted.
+    /// True unless the pin excludes a sender; an excluded one is counted.
     pub fn admits(&mut self, from: SocketAddr) -> bool {
         let Some(pin) = self.pin.filter(|pin| !pin.admits(from)) else { return true };
         self.counts.not_pinned += 1;
@@ -243,7 +244,7 @@ impl PeerKeeper {
         false
     }
 
-    /// What is to be done with something from this sender; what is refused is counted.
+    /// Verdict on data from this sender; refused data are counted.
     pub fn judge(&mut self, from: SocketAddr, now: Duration) -> Verdict {
         if !self.admits(from) {
             return Verdict::Refused;
@@ -261,7 +262,7 @@ impl PeerKeeper {
         }
     }
 
-    /// Makes a candidate the peer, because it said something valid; whom it replaces.
+    /// Makes a candidate with valid data the peer; returns the peer that it replaces.
     pub fn adopt(&mut self, address: SocketAddr, now: Duration) -> Option<SocketAddr> {
         let before = self.peer().filter(|before| *before != address);
         self.hold(address, now);
@@ -273,26 +274,26 @@ impl PeerKeeper {
         before
     }
 
-    /// A client has connected: it holds the link, and has said nothing yet.
+    /// Assigns the link to a connected client that has sent nothing yet.
     pub fn hold(&mut self, address: SocketAddr, now: Duration) {
         self.held = Some(Held { address, at: now, has_spoken: false });
-        // What concerns the pin does not change with the peer.
+        // Reports on the pin do not depend on the peer.
         self.told = PeerCounts { not_pinned: self.told.not_pinned, ..PeerCounts::default() };
     }
 
-    /// The peer said something valid.
+    /// Records valid data of the peer.
     pub fn keep(&mut self, now: Duration) {
         if let Some(held) = &mut self.held {
             (held.at, held.has_spoken) = (now, true);
         }
     }
 
-    /// The peer's connection is closed.
+    /// Records the end of the peer's connection.
     pub fn release(&mut self) {
         self.held = None;
     }
 
-    /// A candidate said so many bytes, and nothing valid.
+    /// Records invalid data of a candidate.
     pub fn refuse(&mut self, address: SocketAddr, bytes: usize) {
         self.counts.invalid += 1;
         if std::mem::replace(&mut self.told.invalid, 1) == 0 {
@@ -300,7 +301,7 @@ impl PeerKeeper {
         }
     }
 
-    /// What was given up.
+    /// Counts of discarded data.
     pub fn counts(&self) -> PeerCounts {
         self.counts
     }

@@ -26,7 +26,7 @@ fn a_second_sender_is_counted_told_once_and_adopted_only_when_the_peer_is_silent
         assert_eq!(keeper.judge(stranger, ms(at)), Verdict::Refused);
     }
     assert_eq!(keeper.judge(vehicle, ms(1000)), Verdict::Peer);
-    // It was heard, and said nothing valid.
+    // It sent only invalid data.
     assert_eq!(keeper.judge(stranger, ms(1001)), Verdict::Refused, "one second to the millisecond");
     keeper.keep(ms(1001));
     assert_eq!(keeper.judge(stranger, ms(2001)), Verdict::Refused);
@@ -85,8 +85,8 @@ fn a_client_that_connected_has_its_time_to_speak() {
 }
 
 proptest! {
-    /// Whatever comes, from whomever: the peer changes only to one that was valid, and only when there was none or the old
-    /// one had been silent; every datagram is decoded or counted.
+    /// For any data from any sender: the peer changes only to a valid one, and only when there was none or
+    /// the old one had been silent; every datagram is decoded or counted.
     #[test]
     fn nobody_steals_a_link(
         pinned in any::<bool>(),

@@ -7,16 +7,17 @@ pub const STANDARD_GRAVITY: f64 = 9.80665;
 const SEA_LEVEL_PRESSURE: f64 = 101_325.0;
 /// Temperature at sea level, K.
 const SEA_LEVEL_TEMPERATURE: f64 = 288.15;
-/// Temperature lost with each metre of height, K/m.
+/// Decrease of temperature with height, K/m.
 const LAPSE: f64 = 0.0065;
 /// Specific gas constant of dry air, J/(kg K).
 const GAS: f64 = 287.052_87;
-/// Exponent of pressure over temperature.
+/// Exponent of pressure as a function of temperature.
 const EXPONENT: f64 = STANDARD_GRAVITY / (LAPSE * GAS);
 
 /// Temperature at a height above the sea in metres, K.
 pub fn temperature(altitude: f64) -> f64 {
-    // Above the troposphere the law ends; a bench does not go there, and the formula must not give nonsense.
+    // The formula is invalid above the troposphere; a bench does not fly there, and the result must remain
+    // plausible.
     SEA_LEVEL_TEMPERATURE - LAPSE * altitude.clamp(-5_000.0, 11_000.0)
 }
 
@@ -30,7 +31,7 @@ pub fn density(altitude: f64) -> f64 {
     pressure(altitude) / (GAS * temperature(altitude))
 }
 
-/// Height above the sea at which the static pressure is as given in Pa, m.
+/// Pressure altitude: height above the sea at which the static pressure is as given in Pa, m.
 pub(super) fn altitude(pressure: f64) -> f64 {
     let ratio = (pressure / SEA_LEVEL_PRESSURE).max(1e-3);
     SEA_LEVEL_TEMPERATURE / LAPSE * (1.0 - ratio.powf(1.0 / EXPONENT))

@@ -10,28 +10,28 @@ const EQUATOR: f64 = 6_378_137.0;
 /// First eccentricity of WGS 84, squared.
 const ECCENTRICITY_SQUARED: f64 = 6.694_379_990_14e-3;
 
-/// The point from which positions count.
+/// Origin of positions.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
-    /// North of the equator, degrees.
+    /// Latitude, degrees north.
     pub latitude_deg: f64,
-    /// East of Greenwich, degrees.
+    /// Longitude, degrees east.
     pub longitude_deg: f64,
     /// Height above the sea, m.
     pub altitude_m: f64,
 }
 
 impl Default for Origin {
-    /// Irchel park in Zurich, where PX4's simulators start as well.
+    /// Irchel park in Zurich, also the start of PX4's simulators.
     fn default() -> Self {
         Self { latitude_deg: 47.397_742, longitude_deg: 8.545_594, altitude_m: 488.0 }
     }
 }
 
 impl Origin {
-    /// Latitude and longitude in degrees of a point so many metres north and east of here, on the plane that touches
-    /// the ellipsoid WGS 84 at the origin.
+    /// Latitude and longitude in degrees of a point `north` and `east` of the origin, m, on the plane tangent
+    /// to the ellipsoid WGS 84 at the origin.
     pub fn degrees(&self, north: f64, east: f64) -> (f64, f64) {
         let (sin, cos) = self.latitude_deg.to_radians().sin_cos();
         let w = 1.0 - ECCENTRICITY_SQUARED * sin * sin;
@@ -50,10 +50,10 @@ impl Origin {
 pub struct Field {
     /// Strength, T.
     pub strength: f64,
-    /// Angle below the horizon, rad.
+    /// Inclination below the horizon, rad.
     #[serde(deserialize_with = "quantity::angle")]
     pub inclination: f64,
-    /// Angle of its horizontal part from north over east, rad.
+    /// Declination of the horizontal part from north over east, rad.
     #[serde(deserialize_with = "quantity::angle")]
     pub declination: f64,
 }
@@ -66,7 +66,7 @@ impl Default for Field {
 }
 
 impl Field {
-    /// The field, T, NED.
+    /// The magnetic field, T, NED.
     pub fn ned(&self) -> Vector3<f64> {
         let (down, level) = self.inclination.sin_cos();
         let (east, north) = self.declination.sin_cos();

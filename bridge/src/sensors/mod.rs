@@ -1,7 +1,7 @@
 //! The full sensor set that an autopilot needs, from the states of a linear model.
 //!
-//! A linear model of attitude and, for some vehicles, horizontal speed and position says nothing of specific force,
-//! magnetic field or pressure. They follow from its motion with these assumptions, and from nothing else:
+//! A linear model of attitude and, for some vehicles, horizontal speed and position contains no specific
+//! force, magnetic field or pressure. These follow from its motion under the following assumptions:
 //!
 //! - Attitude is roll, pitch and yaw of the model, as Euler angles in the order yaw, pitch, roll. A model without a
 //!   yaw axis keeps the heading that it was given.
@@ -40,23 +40,23 @@ pub use motion::{Axis, MissingState, Motion, StateMap};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorOptions {
-    /// Where the vehicle starts.
+    /// Start of the vehicle.
     pub origin: Origin,
     /// The earth's magnetic field.
     pub field: Field,
-    /// Heading of a model without a yaw axis, and of yaw zero of one with it, rad from north over east.
+    /// Heading of a model without a yaw axis, or at zero yaw of a model with one, rad from north over east.
     #[serde(deserialize_with = "quantity::angle")]
     pub heading: f64,
-    /// Noise of the gyroscope beside that of the vehicle's rate outputs, rad/s.
+    /// Noise of the gyroscope in addition to that of the vehicle's rate outputs, rad/s.
     #[serde(deserialize_with = "quantity::rate")]
     pub gyro_noise: f64,
-    /// Noise of the accelerometer beside that of the vehicle's angle outputs, m/s^2.
+    /// Noise of the accelerometer in addition to that of the vehicle's angle outputs, m/s^2.
     pub accel_noise: f64,
     /// Noise of the magnetometer, T.
     pub mag_noise: f64,
     /// Noise of the barometer, Pa.
     pub baro_noise: f64,
-    /// Fixes of the satellite receiver a second.
+    /// Rate of position fixes, Hz.
     pub gps_hz: f64,
 }
 
@@ -66,7 +66,7 @@ impl Default for SensorOptions {
             origin: Origin::default(),
             field: Field::default(),
             heading: 0.0,
-            // Autopilots take a value that never moves for a dead sensor.
+            // Autopilots treat a constant value as a failed sensor.
             gyro_noise: 5e-4,
             accel_noise: 0.02,
             mag_noise: 0.1e-6,
@@ -76,18 +76,18 @@ impl Default for SensorOptions {
     }
 }
 
-/// Readings of all sensors at one moment.
+/// Readings of all sensors at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensors {
-    /// Time since the first step, ns; grows by one period each step.
+    /// Time since the first step, ns; increases by one period per step.
     pub time_ns: u64,
-    /// Attitude: turns body vectors into earth vectors.
+    /// Attitude: rotates body vectors to earth vectors.
     pub attitude: UnitQuaternion<f64>,
     /// Roll, pitch, yaw of `attitude`, rad; yaw within plus or minus pi.
     pub angles: [f64; 3],
-    /// Turn rate of the body, rad/s, FRD, with its errors.
+    /// Turn rate of the body with sensor errors, rad/s, FRD.
     pub gyro: Vector3<f64>,
-    /// Turn rate of the body, rad/s, FRD, without errors.
+    /// True turn rate of the body, rad/s, FRD.
     pub turn: Vector3<f64>,
     /// Specific force, m/s^2, FRD: at rest and level (0, 0, -g).
     pub accel: Vector3<f64>,
@@ -95,13 +95,13 @@ pub struct Sensors {
     pub mag: Vector3<f64>,
     /// Static pressure, Pa.
     pub pressure: f64,
-    /// Pitot pressure less static pressure, Pa.
+    /// Differential pressure of the pitot tube, Pa.
     pub differential_pressure: f64,
-    /// Temperature of the air, K.
+    /// Air temperature, K.
     pub temperature: f64,
-    /// Height above the sea by the static pressure, m.
+    /// Pressure altitude above the sea, m.
     pub pressure_altitude: f64,
-    /// Position from the origin, m, NED.
+    /// Position relative to the origin, m, NED.
     pub position: Vector3<f64>,
     /// Latitude, degrees.
     pub latitude: f64,
@@ -115,7 +115,7 @@ pub struct Sensors {
     pub acceleration: Vector3<f64>,
     /// Position fix of the satellite receiver.
     pub gps: Fix,
-    /// Whether `gps` is new at this step.
+    /// True when `gps` is new at this step.
     pub gps_fresh: bool,
 }
 
@@ -132,7 +132,7 @@ pub struct Fix {
     pub velocity: Vector3<f64>,
 }
 
-/// Errors (measured minus true) of the sensors of the bus, by the names of the bus.
+/// Errors (measured minus true) of the bus's sensors, by the names of the bus.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Errors {
     /// Errors of roll, pitch, yaw, rad.
@@ -167,12 +167,12 @@ struct Last {
     motion: Motion,
     attitude: UnitQuaternion<f64>,
     position: Vector3<f64>,
-    /// Unknown at the first step of a model that has positions alone.
+    /// Velocity over ground; unknown at the first step of a model with positions only.
     velocity: Option<Vector3<f64>>,
 }
 
 impl SensorModel {
-    /// Sensors that are read once a period; `seed` is that of the run.
+    /// Sensors that are read once per period; `seed` is that of the run.
     pub fn new(options: SensorOptions, period_ns: u64, seed: u64) -> Self {
         let stream = |name: &str| Stream::new(seed, &format!("autopilot sensor {name}"));
         Self {
@@ -191,21 +191,21 @@ impl SensorModel {
         }
     }
 
-    /// Forgets the motion of the vehicle: the next step is the first of a new run, while time goes on.
+    /// Resets the motion of the vehicle: the next step is the first of a new run, while time continues.
     pub fn rewind(&mut self) {
         self.last = None;
     }
 
-    /// The sensors one period after the last call. Called with the same motion again it reads the sensors of a vehicle
+    /// The sensors one period after the last call. A call with the same motion reads the sensors of a vehicle
     /// at rest.
     pub fn step(&mut self, motion: &Motion, errors: &Errors) -> Sensors {
         self.step_after(1, motion, errors)
     }
 
-    /// The sensors `periods` periods after the last call, when the motion in between is not known.
+    /// The sensors `periods` periods after the last call, when the motion in between is unknown.
     pub fn step_after(&mut self, periods: u64, motion: &Motion, errors: &Errors) -> Sensors {
         let period = self.period * periods.max(1) as f64;
-        // The first step is at time zero; after a rewind time goes on.
+        // The first step is at time zero; after a rewind time continues.
         self.steps += if self.begun { periods.max(1) } else { 0 };
         self.begun = true;
         let heading = self.options.heading;
@@ -218,7 +218,7 @@ impl SensorModel {
         let acceleration = last.velocity.map_or_else(Vector3::zeros, |v| (velocity - v) / period);
         let middle = last.attitude * UnitQuaternion::from_scaled_axis(turn * (period / 2.0));
         let [roll, pitch, _] = errors.angles;
-        // An instrument that is wrong by an angle feels gravity from a direction that is wrong by that angle.
+        // An angle error of an instrument rotates the measured direction of gravity by that angle.
         let felt = middle * UnitQuaternion::from_euler_angles(roll, pitch, 0.0);
         let down = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
         let altitude = self.options.origin.altitude_m - now.position.z;
@@ -307,13 +307,13 @@ impl SensorModel {
     }
 }
 
-/// Forward, right, up in the heading frame, as north, east, down.
+/// Transforms forward, right, up in the heading frame to north, east, down.
 fn to_ground([forward, right, up]: [f64; 3], yaw: f64) -> Vector3<f64> {
     let (sin, cos) = yaw.sin_cos();
     Vector3::new(cos * forward - sin * right, sin * forward + cos * right, -up)
 }
 
-/// Turn rate of the body that Euler angle rates make (Diebel, "Representing Attitude", 2006, equation 78).
+/// Turn rate of the body from Euler angle rates (Diebel, "Representing Attitude", 2006, equation 78).
 pub fn body_rates([roll, pitch, _]: [f64; 3], [roll_rate, pitch_rate, yaw_rate]: [f64; 3]) -> Vector3<f64> {
     let ((sr, cr), (sp, cp)) = (roll.sin_cos(), pitch.sin_cos());
     Vector3::new(
@@ -327,7 +327,8 @@ fn noise(stream: &mut Stream, deviation: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| deviation * stream.normal())
 }
 
-/// The angle within plus or minus pi, however many turns it has: a remainder has no rounding that grows with them.
+/// The angle within plus or minus pi, for any number of turns: a remainder has no rounding error that grows
+/// with them.
 pub fn wrapped(angle: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     let rest = angle % TAU;

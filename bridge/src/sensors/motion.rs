@@ -1,6 +1,6 @@
-//! The vehicle's motion, found among its states by their names.
+//! Finds the vehicle's motion among its states, by their names.
 
-/// No state of a name that a bridge cannot do without.
+/// A state that a bridge requires is missing.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the vehicle has no state \"{missing}\" (it has {}); an autopilot steers attitude, so a vehicle on this bridge needs \
@@ -8,9 +8,9 @@
     present.join(", ")
 )]
 pub struct MissingState {
-    /// The name.
+    /// Name of the missing state.
     pub missing: &'static str,
-    /// The names that there are.
+    /// Names of the existing states.
     pub present: Vec<String>,
 }
 
@@ -23,18 +23,18 @@ pub struct Axis {
     pub speed: Option<f64>,
 }
 
-/// Attitude and position of the model at one moment.
+/// Attitude and position of the model at one time.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Motion {
-    /// Roll, pitch, yaw, rad.
+    /// Roll, pitch and yaw, rad.
     pub angles: [f64; 3],
-    /// Their rates, rad/s.
+    /// Rates of roll, pitch and yaw, rad/s.
     pub rates: [f64; 3],
-    /// Forward, right and up.
+    /// Axes forward, right and up.
     pub axes: [Axis; 3],
 }
 
-/// Indices of the motion among the states.
+/// Indices of the motion's variables among the states.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StateMap {
     angles: [Option<usize>; 3],
@@ -44,7 +44,7 @@ pub struct StateMap {
 }
 
 impl StateMap {
-    /// Finds the motion among state names.
+    /// Finds the motion's variables among state names.
     ///
     /// # Errors
     /// [`MissingState`] without `roll` or `pitch`.

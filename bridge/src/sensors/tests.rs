@@ -32,7 +32,7 @@ fn each_axis_alone_has_its_sign() {
     let g = STANDARD_GRAVITY;
     let a = 0.3f64;
     close(still(tilted(0.0, 0.0, 0.0)).accel, [0.0, 0.0, -g], 1e-12);
-    // Right wing down: the force that holds the vehicle up comes from its left. Nose up: from its front.
+    // Right wing down: the specific force points to its left. Nose up: to its front.
     close(still(tilted(a, 0.0, 0.0)).accel, [0.0, -g * a.sin(), -g * a.cos()], 1e-12);
     close(still(tilted(0.0, a, 0.0)).accel, [g * a.sin(), 0.0, -g * a.cos()], 1e-12);
     // Facing east, north is to the left.
@@ -141,7 +141,7 @@ fn states_are_found_by_name() {
 }
 
 proptest! {
-    /// Whatever the model does: integrating the gyroscope gives the attitude, and integrating the accelerometer gives
+    /// For any model: integrating the gyroscope gives the attitude, and integrating the accelerometer gives
     /// velocity and, with it, position.
     #[test]
     fn the_sensors_agree_with_each_other(
@@ -156,7 +156,7 @@ proptest! {
             axes: [3, 4, 5].map(|i| Axis { position: Some(10.0 * wave(i, t)), speed: None }),
         };
         let start = model.step(&at(0.0), &Errors::default());
-        // Positions alone do not tell the velocity before the second one.
+        // Positions alone do not determine the velocity before the second one.
         let (mut attitude, mut position) = (start.attitude, start.position);
         let mut velocity = Vector3::zeros();
         for k in 1..1000 {

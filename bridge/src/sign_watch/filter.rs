@@ -1,4 +1,4 @@
-//! Estimates how a vehicle turns, and how much of what it is commanded it obeys.
+//! Kalman filter for a vehicle's rotation, and for the gain of its response to commands.
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 use whirlstand_vehicle::matrix_exponential;
@@ -6,33 +6,35 @@ use whirlstand_vehicle::matrix_exponential;
 use crate::sensors::wrapped;
 use crate::turning::OwnMotion;
 
-/// Angles and rates, disturbances, and gains: three of each.
+/// Indices of the states: angles and rates, disturbances, and gains, three of each.
 const ANGLE: usize = 0;
 const RATE: usize = 3;
 const DISTURBANCE: usize = 6;
 const GAIN: usize = 9;
 const STATES: usize = 12;
 
-/// Standard deviation of a gain before anything was seen: that of a right vehicle is between 0.5 and 2, that of a turned one
+/// Prior standard deviation of a gain: that of a correct vehicle is between 0.5 and 2, that of a reversed one
 /// between -2 and -0.5.
 const GAIN_PRIOR: f64 = 2.0;
 
-/// Standard deviation of a rate that nobody tells, when the watch begins, rad/s.
+/// Prior standard deviation of a rate that is not measured, rad/s.
 const RATE_PRIOR: f64 = 0.35;
 
-/// A disturbance may jump, as a gust does: with this probability at an attitude, by so many times of what the inputs can do, ...
+/// Probability of a jump of a disturbance at an attitude, as by a gust, and its size relative to the inputs'
+/// authority.
 const JUMP_PROBABILITY: f64 = 1e-3;
 const JUMP: f64 = 10.0;
 
-/// ... at most so long before it is seen, s.
+/// Largest time by which a jump may precede its detection, s.
 const JUMP_AGE: f64 = 0.1;
 
 type State = SVector<f64, STATES>;
 type Covariance = SMatrix<f64, STATES, STATES>;
-/// The rows of the transition that are not those of an identity.
+/// Rows of the transition matrix that differ from an identity.
 type Motion = SMatrix<f64, DISTURBANCE, STATES>;
 
-/// How a vehicle goes on over one tick: from angles and rates, and from accelerations that are constant meanwhile.
+/// Motion of a vehicle over one tick, as a function of angles and rates, and of accelerations that are
+/// constant meanwhile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Transition {
     own: SMatrix<f64, 6, 6>,
@@ -40,7 +42,7 @@ pub(super) struct Transition {
 }
 
 impl Transition {
-    /// Over `tick` seconds, exactly; `None` for a vehicle that goes beyond all numbers in that time.
+    /// Exact transition over `tick` seconds; `None` for a vehicle that overflows in that time.
     pub(super) fn new(own: &OwnMotion, tick: f64) -> Option<Self> {
         let mut rates = DMatrix::zeros(9, 9);
         for axis in 0..3 {
@@ -57,7 +59,7 @@ impl Transition {
         })
     }
 
-    /// With what a gain of 1 about each axis, by columns, accelerates, 1/s^2.
+    /// Transition with the acceleration per unit gain about each axis, by columns, 1/s^2.
     pub(super) fn motion(&self, commanded: &SMatrix<f64, 3, 3>) -> Motion {
         let mut motion = Motion::zeros();
         motion.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.own);
@@ -67,19 +69,19 @@ impl Transition {
     }
 }
 
-/// What a filter believes of the vehicle beside its file.
+/// Assumptions of a filter about the vehicle besides its file.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Belief {
-    /// What the inputs can do about each axis, rad/s^2.
+    /// Authority of the inputs about each axis, rad/s^2.
     pub authority: [f64; 3],
-    /// Disturbances at the beginning, and their change in a second, in authorities.
+    /// Initial standard deviation of the disturbances, and their change per second, in authorities.
     pub disturbance: f64,
     /// Standard deviations of angles and rates, rad and rad/s.
     pub noise: [f64; 6],
 }
 
-/// A Kalman filter whose states are angles, rates, disturbances that wander and jump, and the gains: the answer per command,
-/// 1 for a vehicle that is as its file says, and -1 for one that is turned.
+/// A Kalman filter whose states are angles, rates, disturbances as random walks with jumps, and the gains:
+/// the ratio of response to command, 1 for a vehicle according to its file, and -1 for a reversed one.
 #[derive(Debug, Clone)]
 pub(super) struct Filter {
     belief: Belief,
@@ -89,7 +91,7 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    /// One that has seen nothing but these angles.
+    /// A filter at its first measurement, these angles.
     pub(super) fn new(belief: Belief, angles: [f64; 3]) -> Self {
         let (mut state, mut variances) = (State::zeros(), State::zeros());
         for axis in 0..3 {
@@ -102,11 +104,11 @@ impl Filter {
         Self { belief, state, covariance: Covariance::from_diagonal(&variances), log_likelihood: 0.0 }
     }
 
-    /// Goes on by a tick of `tick` seconds.
+    /// Predicts over a tick of `tick` seconds.
     pub(super) fn predict(&mut self, motion: &Motion, tick: f64) {
         let moved = motion * self.state;
         self.state.fixed_rows_mut::<DISTURBANCE>(0).copy_from(&moved);
-        // What is behind the rows of the motion stays as it is, so that a quarter of the product is left to do.
+        // Rows after those of the motion are unchanged, so that only a quarter of the product is computed.
         let rows: Motion = motion * self.covariance;
         let corner: SMatrix<f64, DISTURBANCE, DISTURBANCE> = rows * motion.transpose();
         let beside = rows.fixed_columns::<DISTURBANCE>(DISTURBANCE);
@@ -119,8 +121,8 @@ impl Filter {
         }
     }
 
-    /// Takes in an attitude, rad and rad/s. Whether the disturbance of an axis jumped just before is decided by which is
-    /// likelier.
+    /// Updates by an attitude, rad and rad/s. Whether the disturbance of an axis jumped just before is
+    /// decided by likelihood.
     pub(super) fn correct(&mut self, angles: [f64; 3], rates: Option<[f64; 3]>) {
         for axis in 0..3 {
             let mut jumped = self.clone();
@@ -155,7 +157,7 @@ impl Filter {
         self.log_likelihood -= 0.5 * (innovation * innovation / variance + variance.ln());
     }
 
-    /// The logarithm of how likely what was seen is, but for a constant that all filters share.
+    /// Log-likelihood of the measurements, up to a constant common to all filters.
     pub(super) fn log_likelihood(&self) -> f64 {
         self.log_likelihood
     }

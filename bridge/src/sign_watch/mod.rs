@@ -1,11 +1,13 @@
-//! Notices a vehicle that turns the other way than it is commanded, before it has gone far.
+//! Sign watch: detects a vehicle that turns opposite to its commands, before it has moved far.
 //!
-//! The vehicle file says which angular acceleration the inputs that act make, and which the vehicle makes by itself. What is
-//! not known is the gain of each axis, that is how much of its commands the vehicle obeys: 1 by the file, and less than 0 with
-//! a sign turned somewhere between the controller and the motors. Kalman filters that differ in what else is not known, how
-//! late commands act, how far the air pushes and how exact the attitude is, estimate it from the attitude alone, or from attitude and rates; what they
-//! found is weighed by how likely each makes what was seen. The test is sequential (Wald, Sequential Analysis, 1947): an axis is
-//! right or turned as soon as the odds are great enough, and until then it is neither.
+//! The vehicle file gives the angular acceleration due to the acting inputs, and that of the vehicle itself.
+//! The unknown is the gain of each axis, the ratio of its response to its commands: 1 according to the file,
+//! and negative with a reversed sign somewhere between the controller and the motors. Kalman filters with
+//! different assumptions about the other unknowns (the delay of commands, the size of disturbances and the
+//! accuracy of the attitude) estimate the gain from the attitude alone, or from attitude and rates; their
+//! results are weighted by the likelihood of the measurements. The test is sequential (Wald, Sequential
+//! Analysis, 1947): an axis is classified as correct or reversed once the odds are high enough, and is
+//! undecided until then.
 
 mod filter;
 
@@ -17,72 +19,74 @@ use crate::channels::Input;
 use crate::turning::OwnMotion;
 use filter::{Belief, Filter, Transition};
 
-/// Step of the filters.
+/// Time step of the filters.
 const TICK: Duration = Duration::from_millis(10);
 
-/// How late a command may act and be seen at most, in ticks, and in which steps: up to 200 ms of actuators, telemetry and radio.
+/// Largest total delay of commands and measurements, in ticks, and the increments tested: up to 200 ms of
+/// actuators, telemetry and radio.
 const LATEST: usize = 20;
 const DELAY_STEP: usize = 5;
 
-/// How far the air may push at first, and change that in a second, in shares of what the inputs can do.
+/// Initial disturbances, and their change per second, relative to the inputs' authority.
 const DISTURBANCES: [f64; 3] = [0.03, 0.3, 3.0];
 
-/// Noise of angles that come without rates, in shares of what the file says: a vehicle that estimates them tells them far more
-/// smoothly than a sensor does. How late a command acts then shows to so many ticks.
+/// Noise of angles that arrive without rates, relative to the file: a vehicle's own estimates are far
+/// smoother than sensor values. The delay of a command can then be resolved to this number of ticks.
 const SMOOTH: f64 = 0.1;
 const SMOOTH_DELAY_STEP: usize = 2;
 
-/// Gains of a turned vehicle: twice as much or half as much as the file says, and a margin. What is beyond is something else.
+/// Gains of a reversed vehicle: from half to twice the magnitude in the file, with a margin. Other gains have
+/// another cause.
 const TURNED: std::ops::Range<f64> = -3.0..-0.33;
 
-/// A gain of less is neither right nor turned.
+/// Smallest gain of a correct axis; gains between it and those of a reversed one are neither.
 const RIGHT: f64 = 0.33;
 
-/// Odds at which it is decided that an axis is right, or turned.
+/// Odds from which an axis is classified as correct, or reversed.
 const SURE: f64 = 1e6;
 
-/// Odds at which it is turned where rates are told: they show the very beginning of a gust, which is not quite the jump that the
-/// filters take it for, and are soon enough for greater odds.
+/// Odds from which an axis is classified as reversed where rates are available: these show the very beginning
+/// of a gust, which is not exactly the jump assumed by the filters, and reach higher odds soon enough.
 const SURE_WITH_RATES: f64 = 1e8;
 
-/// What inputs without limits are taken to be able to do, and the least that any can, rad/s^2.
+/// Assumed authority of inputs without limits, and lower bound of any authority, rad/s^2.
 const AUTHORITY: std::ops::RangeInclusive<f64> = 0.1..=10.0;
 
-/// Standard deviations that no telemetry is better than, rad and rad/s: 0.1 deg, 0.7 deg/s.
+/// Smallest standard deviations of any telemetry, rad and rad/s: 0.1 deg, 0.7 deg/s.
 const LEAST_NOISE: [f64; 2] = [0.00175, 0.0122];
 
-/// A pause after which what was seen does not belong together.
+/// Pause after which earlier measurements are discarded.
 const PAUSE: Duration = Duration::from_millis(300);
 
-/// What the inputs accelerate: axes by the axes that the inputs steer, rad/s^2.
+/// Accelerations due to the inputs: axes by controlled axes, rad/s^2.
 type Commanded = SMatrix<f64, 3, 3>;
 
-/// An attitude as the vehicle told it.
+/// An attitude reported by the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Attitude {
     /// Roll, pitch and yaw, rad.
     pub angles: [f64; 3],
-    /// Their rates, rad/s, where they are told.
+    /// Rates of roll, pitch and yaw, rad/s, where reported.
     pub rates: Option<[f64; 3]>,
-    /// When it was measured; one that was seen already is not taken in again.
+    /// Time of measurement; a repeated measurement is ignored.
     pub at: Duration,
 }
 
-/// What was seen since somebody took charge.
+/// Observations since a source took charge.
 #[derive(Debug, Clone)]
 struct Flight {
-    /// What the filters have reached.
+    /// Time up to which the filters have advanced.
     time: Duration,
     attitude_at: Duration,
     acts: Commanded,
-    /// What acted in the last ticks, the newest at `newest`.
+    /// Accelerations due to the inputs of the last ticks, the newest at `newest`.
     acted: [Commanded; LATEST + 1],
     newest: usize,
-    /// One for each noise, delay in ticks and size of disturbance, in this order.
+    /// One filter for each noise, delay in ticks and size of disturbance, in this order.
     filters: Vec<(usize, Filter)>,
 }
 
-/// Watches the sign of each axis while the controller is in charge.
+/// Monitors the sign of each axis while the controller is in charge.
 #[derive(Debug, Clone)]
 pub struct SignWatch {
     inputs: Vec<Input>,
@@ -117,17 +121,17 @@ impl SignWatch {
         }
     }
 
-    /// Begins anew, because somebody took charge or gave it up.
+    /// Resets when a source takes charge or gives it up.
     pub fn reset(&mut self) {
         (self.flight, self.right, self.wrong) = (None, [false; 3], None);
     }
 
-    /// The axis, 0 to 2, that answers with the wrong sign.
+    /// The axis, 0 to 2, that responds with the wrong sign.
     pub fn wrong(&self) -> Option<usize> {
         self.wrong
     }
 
-    /// Takes in the inputs that act from now on, and the newest attitude.
+    /// Records the inputs acting from now on, and processes the newest attitude.
     pub fn observe(&mut self, inputs: &[f64], attitude: Attitude, now: Duration) {
         if self.wrong.is_some() || (0..3).all(|axis| self.right[axis] || !self.steered[axis]) {
             return;
@@ -174,11 +178,12 @@ impl SignWatch {
         }
     }
 
-    /// Decides about each axis for which the odds are great enough: it takes `sure` to call one turned.
+    /// Classifies each axis with high enough odds; a reversed one needs odds of `sure`.
     fn judge(&mut self, filters: &[(usize, Filter)], sure: f64) {
         let most = filters.iter().fold(f64::NEG_INFINITY, |most, (_, f)| most.max(f.log_likelihood()));
         for axis in (0..3).filter(|axis| self.steered[*axis]) {
-            // Of the gain: turned, not turned, right, and less than that of a right vehicle turned.
+            // Probabilities of the gain: reversed, not reversed, correct, and below that of a correct
+            // vehicle, reversed.
             let [mut turned, mut otherwise, mut right, mut against] = [0.0; 4];
             for (_, filter) in filters {
                 let weight = (filter.log_likelihood() - most).exp();
@@ -198,7 +203,7 @@ impl SignWatch {
 }
 
 impl Flight {
-    /// Lets the filters follow until now.
+    /// Advances the filters to the present.
     fn go_on(&mut self, transition: &Transition, now: Duration) {
         let count = self.acted.len();
         while now.saturating_sub(self.time) >= TICK {
@@ -213,7 +218,7 @@ impl Flight {
     }
 }
 
-/// What a gain of 1 of each steered axis, by columns, accelerates.
+/// Acceleration per unit gain of each controlled axis, by columns.
 fn commanded(inputs: &[Input], acting: &[f64]) -> Commanded {
     let mut commanded = Commanded::zeros();
     for (input, u) in inputs.iter().zip(acting) {
@@ -224,7 +229,7 @@ fn commanded(inputs: &[Input], acting: &[f64]) -> Commanded {
     commanded
 }
 
-/// The probability that a normal variable of deviation 1 is below.
+/// Probability that a standard normal variable is below `z`.
 fn normal_below(z: f64) -> f64 {
     0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2)
 }

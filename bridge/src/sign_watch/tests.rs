@@ -6,34 +6,36 @@ use crate::turning::{inputs_of, own_motion_of};
 
 const STEP: f64 = 0.01;
 const DURATION_S: f64 = 8.0;
-/// The vehicles, and between two attitudes, s: ExpressLRS as delivered, and 50 Hz.
+/// The vehicles, and times between two attitudes, s: ExpressLRS by default, and 50 Hz.
 const VEHICLES: [&str; 4] =
     ["quadrotor", "helicopter-hover", "helicopter-lateral", "helicopter-longitudinal"];
 const TOLD_EVERY: [f64; 3] = [0.25, 0.1, 0.02];
-/// Noise of angles and rates as they are told, rad and rad/s: as of the file's sensors, and of an estimator's.
+/// Noise of reported angles and rates, rad and rad/s: of the file's sensors, and of an estimator.
 const NOISES: [[f64; 2]; 2] = [[0.0021, 0.0122], [0.0001, 0.0012]];
 
-/// Roll and pitch of a built-in vehicle under a linear-quadratic law and a filter that know its file, and what they do not know.
+/// Roll and pitch of a built-in vehicle under a linear-quadratic law and a filter designed for its file, with
+/// unknown deviations.
 struct Flight {
     vehicle: &'static str,
     told_every: f64,
     has_rates: bool,
     noise: [f64; 2],
-    /// -1 for a turned channel.
+    /// Sign of each channel, -1 for a reversed one.
     signs: [f64; 2],
-    /// Unknown gains, gusts and setpoints; without, the vehicle is as its file says and the air still. How late it is nobody knows.
+    /// True for unknown gains, gusts and setpoints; otherwise the vehicle matches its file and the air is
+    /// still. The delay is always unknown.
     unknown: bool,
     seed: u64,
 }
 
-/// What became of it: when and which axis was noticed, and the greatest angle until then, rad.
+/// Result of a flight: time and axis of the detection, and the largest angle until then, rad.
 struct Outcome {
     wrong: Option<(f64, usize)>,
     right: [bool; 2],
     most: f64,
 }
 
-/// What the vehicle meets that nobody knows.
+/// Deviations and disturbances unknown to law and filter.
 struct Unknown {
     gains: Vector2<f64>,
     delay: usize,
@@ -83,7 +85,7 @@ fn law(a: &Matrix4<f64>, b: &Matrix4x2<f64>, q: &Matrix4<f64>, r: &Matrix2<f64>)
     gain
 }
 
-/// The law and the filter before it.
+/// The law with its filter.
 struct Loop {
     a: Matrix4<f64>,
     b: Matrix4x2<f64>,
@@ -120,7 +122,7 @@ impl Flight {
         let unknown = Unknown::of(self, Vector2::new(b[(1, 0)] * full[0], b[(3, 1)] * full[1]).abs(), noise);
         let mut control = self.design(&a, &b, &full, noise);
         let mut watch = SignWatch::new(&inputs_of(&vehicle), &own_motion_of(&vehicle));
-        // It is not level when somebody arms.
+        // The vehicle is not level when it is armed.
         let mut x = Vector4::new(0.035 * noise.normal(), 0.0, 0.035 * noise.normal(), 0.0);
         let (mut past, mut turbulence) = (Vec::new(), Vector2::zeros());
         let mut attitude = Attitude { angles: [0.0; 3], rates: None, at: Duration::ZERO };
@@ -162,7 +164,7 @@ impl Flight {
                 x += dx * (0.5 * STEP);
             }
             outcome.most = outcome.most.max(x[0].abs()).max(x[2].abs());
-            // Nothing that flies does.
+            // No flying vehicle reaches this angle.
             if outcome.most > 1.0 {
                 break;
             }
@@ -173,7 +175,8 @@ impl Flight {
     fn design(&self, a: &Matrix4<f64>, b: &Matrix4x2<f64>, full: &Vector2<f64>, noise: &mut Stream) -> Loop {
         let a_step = Matrix4::identity() + a * STEP + a * a * (0.5 * STEP * STEP);
         let b_step = b * STEP + a * b * (0.5 * STEP * STEP);
-        // From a tired law to an eager one: 10 deg and 60 deg/s weigh as much as a fifth of full deflection, or five of it.
+        // From a slow law to a fast one: 10 deg and 60 deg/s have the weight of a fifth of full deflection,
+        // or of five times it.
         let eager = 10f64.powf(uniform(noise, -0.7, 0.7));
         let weights = [0.175f64, 1.05].map(|size| eager / (size * size));
         let q = Matrix4::from_diagonal(&Vector4::new(weights[0], weights[1], weights[0], weights[1]));
@@ -188,7 +191,7 @@ impl Flight {
     }
 }
 
-/// Each vehicle at each rate of telemetry, and once with rates, with each noise.
+/// Each vehicle at each telemetry rate, and once with rates, with each noise.
 fn kinds() -> impl Iterator<Item = (&'static str, f64, bool, [f64; 2])> {
     VEHICLES.into_iter().flat_map(|vehicle| {
         NOISES.into_iter().flat_map(move |noise| {

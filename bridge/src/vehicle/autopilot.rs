@@ -1,4 +1,4 @@
-//! A MAVLink autopilot as the source of what is measured.
+//! A MAVLink autopilot as the source of measurements.
 
 use std::time::Duration;
 
@@ -12,21 +12,21 @@ use crate::config::{AttitudeMessage, MavlinkConfig, RatesMessage};
 use crate::mavlink::{Counts, Deframer, Encoder, Event, Header, MavMessage, Readiness, Signing, dialect};
 use crate::note::Notes;
 
-/// Between two of our heartbeats.
+/// Time between two heartbeats of the bridge.
 const HEARTBEAT: Duration = Duration::from_secs(1);
-/// Between two exchanges of time, once the first ones are done.
+/// Time between two time synchronisations, after the first ones.
 const TIMESYNC: Duration = Duration::from_secs(1);
-/// Between the first exchanges.
+/// Time between the first time synchronisations.
 const TIMESYNC_FIRST: Duration = Duration::from_millis(100);
-/// How many come first.
+/// Number of the first time synchronisations.
 const FIRST_EXCHANGES: u32 = 16;
 /// Message numbers.
 const HIGHRES_IMU: u32 = 105;
 const SCALED_IMU: u32 = 26;
-/// Stamps that differ by more belong to different clocks, ns.
+/// Difference of time stamps from which they belong to different clocks, ns.
 const OTHER_CLOCK_NS: i64 = 10_000_000_000;
 
-/// What it is called in what is told.
+/// Name of the autopilot in notes.
 const NAME: &str = "the vehicle";
 
 /// The other end of a MAVLink link.
@@ -38,18 +38,18 @@ pub(super) struct Autopilot {
     requests: Requests,
     target: Option<(u8, u8)>,
     heartbeat_at: Option<Duration>,
-    /// Whether it is armed, and why not.
+    /// Armed state of the vehicle, with the reasons for not being armed.
     readiness: Readiness,
     well: bool,
     heading: Option<f64>,
     origin: Option<[f64; 3]>,
-    /// What the vehicle says it receives, us, and when it said so.
+    /// Channels that the vehicle reports to receive, us, and the time of that report.
     sent_rc: Option<(Vec<f64>, Duration)>,
     next_heartbeat: Duration,
     next_timesync: Duration,
     exchanges: u32,
     warnings: Warnings,
-    /// Messages of the vehicle.
+    /// Number of messages of the vehicle.
     spoken: u64,
 }
 
@@ -106,17 +106,17 @@ impl Autopilot {
         self.deframer.counts()
     }
 
-    /// With what came from senders who were not recognised.
+    /// Counts including those of unrecognised senders.
     pub(super) fn counts_with_strangers(&self) -> Counts {
         self.deframer.counts_with_strangers()
     }
 
-    /// Messages that the vehicle has said.
+    /// Number of messages of the vehicle.
     pub(super) fn spoken(&self) -> u64 {
         self.spoken
     }
 
-    /// The vehicle's system and component; before it was heard, all.
+    /// System and component id of the vehicle; 0 for all, before it was heard.
     pub(super) fn target(&self) -> (u8, u8) {
         self.target.unwrap_or((0, 0))
     }
@@ -137,12 +137,12 @@ impl Autopilot {
         self.well
     }
 
-    /// Whether the loop asked for the message with this number.
+    /// True when the loop requested the message with this number.
     pub(super) fn needs(&self, id: f32) -> bool {
         self.requests.asks_for(id)
     }
 
-    /// The channels that the vehicle says it receives, us.
+    /// Channels that the vehicle reports to receive, us.
     pub(super) fn sent_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
         let (us, at) = self.sent_rc.as_ref()?;
         (now.saturating_sub(*at) <= age).then(|| us.clone())
@@ -153,7 +153,7 @@ impl Autopilot {
         self.encoder.encode(message, now, out);
     }
 
-    /// The connection was made anew, or the vehicle restarted: asks for everything again.
+    /// Requests everything again, after a reconnection or a restart of the vehicle.
     pub(super) fn begin_anew(&mut self) {
         self.requests.restart();
         (self.next_heartbeat, self.next_timesync) = (Duration::ZERO, Duration::ZERO);
@@ -163,14 +163,15 @@ impl Autopilot {
         let _ = self.deframer.end();
     }
 
-    /// Another address is the vehicle now: which system it is, and what the old one said of itself, is forgotten.
+    /// Resets for another address: the system id and the reports of the previous one are discarded.
     pub(super) fn forget(&mut self) {
         (self.target, self.heartbeat_at, self.sent_rc) = (None, None, None);
         (self.readiness, self.well) = (Readiness::new(NAME), true);
         self.begin_anew();
     }
 
-    /// Whether a datagram of an unknown sender is the vehicle's: it holds the heartbeat of the autopilot that is awaited.
+    /// True when a datagram of an unknown sender is the vehicle's: it contains the heartbeat of the awaited
+    /// autopilot.
     pub(super) fn recognises(&mut self, datagram: &[u8], now: Duration, notes: &mut Notes) -> bool {
         let wanted = self.config.target_system;
         let found = self.deframer.recognises(
@@ -184,7 +185,7 @@ impl Autopilot {
         found
     }
 
-    /// Takes in bytes; `end` says that no frame goes on behind them.
+    /// Decodes bytes; `end` means that no frame continues after them.
     pub(super) fn receive(&mut self, bytes: &[u8], end: bool, now: Duration, receivers: &mut Receivers<'_>) {
         self.deframer.push(bytes);
         while let Some(event) = self.deframer.next(now) {
@@ -302,7 +303,8 @@ impl Autopilot {
         }
     }
 
-    /// North, east, down becomes forward, right, up, from where and whither the vehicle stood at first.
+    /// Transforms north, east, down to forward, right, up, relative to the vehicle's initial position and
+    /// heading.
     fn position(
         &mut self,
         m: &dialect::LOCAL_POSITION_NED_DATA,
@@ -316,7 +318,7 @@ impl Autopilot {
         let turn = |[n, e, d]: [f64; 3]| [n * cos + e * sin, e * cos - n * sin, -d];
         let (place, speed) = ([m.x, m.y, m.z].map(f64::from), [m.vx, m.vy, m.vz].map(f64::from));
         if !place.iter().all(|v| v.is_finite()) {
-            // Counted as what it is; it must not become the origin.
+            // It is counted as invalid, and must not become the origin.
             let _ = receivers.telemetry.take(Group::Position, place, stamp, now);
             return;
         }
@@ -340,7 +342,7 @@ impl Autopilot {
         }
     }
 
-    /// Heartbeats, requests and exchanges of time that are due.
+    /// Sends heartbeats, requests and time synchronisations that are due.
     pub(super) fn poll(&mut self, now: Duration, notes: &mut Notes, out: &mut Vec<u8>) {
         if now >= self.next_heartbeat {
             self.next_heartbeat = now + HEARTBEAT;
@@ -368,20 +370,20 @@ impl Autopilot {
         }
     }
 
-    /// One that has no `HIGHRES_IMU` may have `SCALED_IMU`.
+    /// Handles a refused request: an autopilot without `HIGHRES_IMU` may have `SCALED_IMU`.
     fn refused(&mut self, id: u32, how: &str, notes: &mut Notes) {
         if id != HIGHRES_IMU || !self.requests.ask_instead(HIGHRES_IMU, SCALED_IMU) {
             notes.warn(format!("the autopilot {how} {id}: set its rate there"));
         }
     }
 
-    /// When something is due.
+    /// Time at which something is due.
     pub(super) fn wake_at(&self) -> Duration {
         self.next_heartbeat.min(self.next_timesync)
     }
 }
 
-/// Whether a heartbeat is that of an autopilot, and of the system that is asked for.
+/// True when a heartbeat is that of an autopilot with the requested system id.
 fn is_vehicle(wanted: Option<u8>, header: &Header, beat: &dialect::HEARTBEAT_DATA) -> bool {
     beat.autopilot != dialect::MavAutopilot::MAV_AUTOPILOT_INVALID
         && beat.mavtype != dialect::MavType::MAV_TYPE_GCS

@@ -1,17 +1,17 @@
-//! How many outputs a line can carry: what is more waits in the driver, and a failsafe behind it.
+//! Output rate that a line can carry: further outputs would wait in the driver, with a failsafe behind them.
 
 use std::time::Duration;
 
 use crate::config::{BridgeConfig, BridgeKind, ConfigError, Output};
 use crate::line::{COMMON_SHARE, serial_line};
 
-/// Share of a line of their own that outputs may take.
+/// Share of a dedicated line for outputs.
 const OWN_SHARE: f64 = 0.9;
 
-/// Bytes of a signature.
+/// Length of a signature in bytes.
 const SIGNATURE: u32 = 13;
 
-/// Bytes of an output, as long as it can be. Of MAVLink: 12 of the frame, and the fields.
+/// Largest length of an output in bytes. For MAVLink: 12 of the frame, and the fields.
 fn bytes(output: Output, signed: bool) -> u32 {
     let signature = if signed { SIGNATURE } else { 0 };
     match output {
@@ -23,7 +23,7 @@ fn bytes(output: Output, signed: bool) -> u32 {
     }
 }
 
-/// The least time between two outputs that the line carries, and what is to be told of it; nothing for a line that carries the
+/// The shortest time between two outputs that the line allows, with a note; none for a line that allows the
 /// loop's rate.
 ///
 /// # Errors

@@ -1,29 +1,31 @@
-//! The vehicle's clock against ours, so that the age of a measurement is known and not only its arrival.
+//! Offset of the vehicle's clock, so that the age of a measurement is known and not only its time of arrival.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Exchanges of `TIMESYNC` that are remembered; that with the shortest way counts.
+/// Number of `TIMESYNC` exchanges remembered; that with the shortest round trip counts.
 const EXCHANGES: usize = 16;
 
-/// Length of a window of arrivals; the earliest of the last two windows counts.
+/// Length of a window of arrivals; the minimum over the last two windows counts.
 const WINDOW: Duration = Duration::from_secs(5);
 
-/// A `TIMESYNC` clock that is further than this from the clock of the measurements is another clock.
+/// Difference from the clock of the measurements beyond which a `TIMESYNC` clock is another clock, ns.
 const OTHER_CLOCK_NS: i64 = 10_000_000_000;
 
-/// Offset of the vehicle's clock to ours: vehicle minus ours, ns.
+/// Offset of the vehicle's clock: vehicle minus ours, ns.
 #[derive(Debug, Clone, Default)]
 pub struct PeerClock {
     /// Offset and round trip of each exchange, ns.
     exchanges: VecDeque<(i64, i64)>,
-    /// Least arrival minus stamp, in this window and the one before, ns. An upper limit of our time minus the vehicle's.
+    /// Minimum of arrival minus stamp, in this window and the previous one, ns. An upper limit of our time
+    /// minus the vehicle's.
     least: [Option<i64>; 2],
     window_ends: Duration,
 }
 
 impl PeerClock {
-    /// Takes in an answered `TIMESYNC`: sent at `sent`, stamped by the vehicle with `theirs_ns`, back at `now`.
+    /// Processes an answered `TIMESYNC`: sent at `sent`, stamped by the vehicle with `theirs_ns`, back at
+    /// `now`.
     pub fn exchange(&mut self, sent: Duration, theirs_ns: i64, now: Duration) {
         let (sent, now) = (ns(sent), ns(now));
         let round_trip = now - sent;
@@ -36,7 +38,7 @@ impl PeerClock {
         self.exchanges.push_back((theirs_ns.saturating_sub(sent + round_trip / 2), round_trip));
     }
 
-    /// Takes in the stamp of a measurement that comes in now.
+    /// Processes the stamp of a measurement that arrives now.
     pub fn arrival(&mut self, stamp_ns: i64, now: Duration) {
         if now >= self.window_ends {
             self.least = [self.least[1], None];
@@ -46,7 +48,7 @@ impl PeerClock {
         self.least[1] = Some(self.least[1].map_or(late, |least| least.min(late)));
     }
 
-    /// The offset and, from `TIMESYNC`, the round trip, ns; `None` before anything came.
+    /// The offset and, from `TIMESYNC`, the round trip, ns; `None` before any data.
     pub fn offset(&self) -> Option<(i64, Option<i64>)> {
         let by_arrival = self.least.iter().flatten().min().map(|late| -late);
         let best = self.exchanges.iter().min_by_key(|(_, round_trip)| *round_trip);
@@ -60,20 +62,20 @@ impl PeerClock {
         }
     }
 
-    /// When, by our clock, a stamp was made; never later than now.
+    /// Time of a stamp by our clock; never later than now.
     pub fn ours(&self, stamp_ns: i64, now: Duration) -> Duration {
         let offset = self.offset().map_or(0, |(offset, _)| offset);
         let ours = u64::try_from(stamp_ns.saturating_sub(offset)).unwrap_or(0);
         Duration::from_nanos(ours).min(now)
     }
 
-    /// Forgets: the vehicle restarted.
+    /// Resets after a restart of the vehicle.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 }
 
-/// Nanoseconds as the protocol counts them; 292 years fit.
+/// Nanoseconds as in the protocol; 292 years fit.
 pub fn ns(time: Duration) -> i64 {
     i64::try_from(time.as_nanos()).unwrap_or(i64::MAX)
 }

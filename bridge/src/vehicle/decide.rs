@@ -1,4 +1,4 @@
-//! Who is in charge, from everything that is known now.
+//! Decides which source is in charge, from all current conditions.
 
 use std::time::Duration;
 

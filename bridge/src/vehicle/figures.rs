@@ -5,27 +5,28 @@ use super::{Source, Vehicle};
 /// Figures of a bridge.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Figures {
-    /// Bytes that came from the vehicle.
+    /// Number of bytes from the vehicle.
     pub bytes: u64,
-    /// Messages from the vehicle.
+    /// Number of messages from the vehicle.
     pub messages: u64,
-    /// Messages given up, of the vehicle, the pilot's receiver or a ground station: damaged, unknown, unsigned.
+    /// Number of messages discarded, from the vehicle, the pilot's receiver or a ground station: damaged,
+    /// unknown, unsigned.
     pub dropped: u64,
-    /// Bytes outside of messages, of the vehicle or the pilot's receiver.
+    /// Number of bytes outside of messages, from the vehicle or the pilot's receiver.
     pub noise_bytes: u64,
-    /// Messages from the vehicle's link that were refused for their signature.
+    /// Number of messages from the vehicle's link refused for their signature.
     pub signature: u64,
-    /// Messages that never came, from gaps in their numbers.
+    /// Number of messages that never arrived, from gaps in their sequence numbers.
     pub lost: u64,
-    /// Measurements refused: repeated, overtaken, or not finite.
+    /// Number of measurements refused: repeated, overtaken, or not finite.
     pub refused: u64,
-    /// Outputs sent.
+    /// Number of outputs sent.
     pub outputs: u64,
-    /// Channel values that a limit or rate held back.
+    /// Number of channel values held by a limit or a rate.
     pub clamped: u64,
-    /// Offset of the vehicle's clock to ours, ns.
+    /// Offset of the vehicle's clock, vehicle minus ours, ns.
     pub clock_offset_ns: Option<i64>,
-    /// Round trip of the exchange that the offset comes from, ns.
+    /// Round trip of the exchange that gave the offset, ns.
     pub round_trip_ns: Option<i64>,
 }
 
@@ -41,7 +42,8 @@ impl Vehicle {
         };
         match &self.source {
             Source::Mavlink(autopilot) => {
-                // What strangers said is a refused datagram of its own, and here only what it was.
+                // Datagrams of unknown senders are counted as refused elsewhere, and here only by the kind of
+                // their content.
                 let (c, all) = (autopilot.counts(), autopilot.counts_with_strangers());
                 (figures.bytes, figures.messages, figures.signature) =
                     (all.bytes, all.messages, all.signature());

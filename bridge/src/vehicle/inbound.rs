@@ -1,4 +1,4 @@
-//! Handles bytes from the ports.
+//! Processes bytes from the ports.
 
 use std::time::Duration;
 
@@ -10,21 +10,21 @@ use crate::mavlink::dialect::MavCmd;
 use crate::mavlink::{Event, MavMessage};
 use crate::sbus;
 
-/// After so many bytes without a frame of CRSF the baud rate is said to be wrong.
+/// Number of bytes without a CRSF frame from which a wrong baud rate is reported.
 const BAUD_WARNING_BYTES: u64 = 300;
 
-/// What bytes from a port were.
+/// Result of bytes from a port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Received {
-    /// Something in them was valid, and from the one who belongs there.
+    /// True when some of them were valid, and from the correct sender.
     pub valid: bool,
-    /// An attitude came that no measurement has yet.
+    /// True when an attitude arrived that no measurement contains yet.
     pub attitude: bool,
 }
 
 impl Vehicle {
-    /// Whether a datagram from somebody who is not the peer of a port makes him one: by itself it is a valid message,
-    /// signed where that is asked for, and on the vehicle's link the heartbeat of the autopilot that is awaited.
+    /// True when a datagram of a sender that is not a port's peer makes it the peer: by itself it is a valid
+    /// message, signed where required, and on the vehicle's link the heartbeat of the awaited autopilot.
     pub fn recognises(&mut self, port: Port, datagram: &[u8], now: Duration) -> bool {
         match (port, &mut self.source) {
             (Port::Link, Source::Mavlink(autopilot)) => autopilot.recognises(datagram, now, &mut self.notes),
@@ -40,7 +40,7 @@ impl Vehicle {
         }
     }
 
-    /// Another peer has taken the place of the one that a port had.
+    /// Resets a port whose peer was replaced.
     pub fn peer_changed(&mut self, port: Port) {
         self.connected(port);
         if let (Port::Link, Source::Mavlink(autopilot)) = (port, &mut self.source) {
@@ -57,7 +57,7 @@ impl Vehicle {
         }
     }
 
-    /// Takes in bytes from a port; `end` says that no frame goes on behind them, as in a datagram.
+    /// Decodes bytes from a port; `end` means that no frame continues after them, as in a datagram.
     pub fn receive(&mut self, port: Port, bytes: &[u8], end: bool, now: Duration) -> Received {
         let before = self.spoken(port);
         match port {
@@ -82,7 +82,7 @@ impl Vehicle {
         received
     }
 
-    /// Valid messages that a port has had from the one who belongs there.
+    /// Number of valid messages of a port from the correct sender.
     fn spoken(&self, port: Port) -> u64 {
         match (port, &self.source) {
             (Port::Link, Source::Mavlink(autopilot)) => autopilot.spoken(),
@@ -93,14 +93,14 @@ impl Vehicle {
         }
     }
 
-    /// Takes in the sticks of a gamepad, us.
+    /// Updates the sticks of a gamepad, us.
     pub fn stick(&mut self, us: &[f64], now: Duration) {
         if let Some(pilot) = &mut self.pilot {
             pilot.update(us, false, now);
         }
     }
 
-    /// Discards what was half received, because a port was connected anew.
+    /// Discards partly received data after a port was reconnected.
     pub fn connected(&mut self, port: Port) {
         match (port, &mut self.source) {
             (Port::Link, Source::Mavlink(autopilot)) => autopilot.begin_anew(),
@@ -113,7 +113,8 @@ impl Vehicle {
         }
     }
 
-    /// A ground station may ask and set, but not steer: what moves the vehicle passes the gate of the bridge alone.
+    /// Messages of a ground station: it may query and set, but not steer, as only the bridge's gate may move
+    /// the vehicle.
     pub(super) fn receive_ground(&mut self, bytes: &[u8], now: Duration) {
         self.ground.push(bytes);
         while let Some(event) = self.ground.next(now) {
@@ -141,7 +142,7 @@ impl Vehicle {
         let _ = self.ground.end();
     }
 
-    /// Whether a message changes the rate of one that the loop needs.
+    /// True when a message changes the rate of another one that the loop needs.
     #[expect(deprecated, reason = "ground stations send REQUEST_DATA_STREAM all the same")]
     fn changes_rates(&self, message: &MavMessage) -> bool {
         let Source::Mavlink(autopilot) = &self.source else { return false };
@@ -229,7 +230,7 @@ impl Vehicle {
     }
 }
 
-/// Whether a datagram holds a whole frame of CRSF.
+/// True when a datagram contains a complete CRSF frame.
 fn is_crsf(datagram: &[u8]) -> bool {
     let mut parser = crsf::Parser::new();
     parser.push(datagram);
@@ -237,7 +238,7 @@ fn is_crsf(datagram: &[u8]) -> bool {
     parser.counts().frames > 0
 }
 
-/// Whether a message moves the vehicle.
+/// True when a message moves the vehicle.
 fn steers(message: &MavMessage) -> bool {
     matches!(
         message,
@@ -250,7 +251,7 @@ fn steers(message: &MavMessage) -> bool {
     ) || command(message).is_some_and(|command| MOVING.contains(&command))
 }
 
-/// Commands that turn motors or move servos by themselves.
+/// Commands that move motors or servos directly.
 const MOVING: [MavCmd; 6] = [
     MavCmd::MAV_CMD_DO_MOTOR_TEST,
     MavCmd::MAV_CMD_DO_SET_SERVO,
@@ -260,7 +261,8 @@ const MOVING: [MavCmd; 6] = [
     MavCmd::MAV_CMD_DO_SET_RELAY,
 ];
 
-/// Groups of `REQUEST_DATA_STREAM` that hold messages of the loop: all, raw sensors, radio channels, position, attitude.
+/// Groups of `REQUEST_DATA_STREAM` with messages of the loop: all, raw sensors, radio channels, position,
+/// attitude.
 const OUR_STREAMS: [u32; 5] = [0, 1, 3, 6, 10];
 
 fn command(message: &MavMessage) -> Option<MavCmd> {

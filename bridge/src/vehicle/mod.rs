@@ -1,8 +1,9 @@
-//! A real vehicle in the plant's place: measurements in, channels out, and the gate between controller and wire.
+//! A real vehicle that replaces the plant: measurements in, channels out, with the gate between controller
+//! and wire.
 //!
-//! [`Vehicle`] is fed with bytes, commands and the time, and gives back bytes for its ports, measurements for the
-//! bus and notes for the user. Whatever comes in, what goes out is within limits and rates, and moves away from
-//! neutral only while [`Mode::Automatic`] or [`Mode::Manual`] holds.
+//! [`Vehicle`] receives bytes, commands and the time, and returns bytes for its ports, measurements for the
+//! bus and notes for the user. For any input, its outputs are within limits and rates, and leave neutral only
+//! in [`Mode::Automatic`] or [`Mode::Manual`].
 
 mod autopilot;
 mod budget;
@@ -44,10 +45,10 @@ pub use inbound::Received;
 use options::{check_mavlink, check_safety, missing};
 pub use telemetry::{FIELDS, Group, Refusals, Telemetry};
 
-/// Between two outputs that repeat the last, where no command comes.
+/// Time between two repeated outputs, while no command arrives.
 const KEEP_ALIVE: Duration = Duration::from_millis(50);
 
-/// A pause that no frame of SBUS has.
+/// Pause that no SBUS frame contains.
 const SBUS_PAUSE: Duration = Duration::from_millis(3);
 
 /// Ports of the bridge.
@@ -63,18 +64,18 @@ pub enum Port {
     Ground = 3,
 }
 
-/// Properties of the bench that the bridge needs.
+/// Properties of the bench for the bridge.
 #[derive(Debug, Clone)]
 pub struct Bench {
-    /// The inputs, in the vehicle's order.
+    /// Inputs in the vehicle's order.
     pub inputs: Vec<Input>,
-    /// What the vehicle's attitude does to its own acceleration.
+    /// Angular acceleration due to the vehicle's own attitude.
     pub own: OwnMotion,
     /// Rate of the loop, Hz.
     pub rate_hz: f64,
-    /// Whether the vehicle file has positions or speeds.
+    /// True when the vehicle file has positions or speeds.
     pub wants_odometry: bool,
-    /// The secret of a signed link, and the Unix time at the origin of `now`.
+    /// Secret key of a signed link, and the Unix time at the origin of `now`.
     pub signing: Option<Signing>,
 }
 
@@ -109,10 +110,10 @@ pub struct Vehicle {
     refused_controls: u64,
     refused_rates: u64,
     explained: Option<Reason>,
-    /// Since when nobody has armed, and whether that was told.
+    /// Time since which nobody has armed, and whether that was reported.
     waiting_since: Option<Duration>,
     told_who_arms: bool,
-    /// The inputs as the controller asks for them, and as they act behind limits, rates and who is in charge.
+    /// Inputs as commanded by the controller, and as acting after limits, rates and mode.
     inputs: Vec<f64>,
     acting: Vec<f64>,
     command_at: Option<Duration>,
@@ -122,13 +123,13 @@ pub struct Vehicle {
     sent_at: Option<Duration>,
     least_interval: Duration,
     released: bool,
-    /// The vehicle's own radio has the channels while it is checked.
+    /// True while the channels are handed over to the vehicle's own radio for a check.
     lent: bool,
     outputs: u64,
     notes: Notes,
 }
 
-/// The time between two outputs at a greatest rate, Hz; zero without one.
+/// Shortest time between two outputs at a largest rate, Hz; zero without one.
 fn least_interval(kind: BridgeKind, rate_hz: Option<f64>) -> Result<Duration, ConfigError> {
     let Some(rate_hz) = rate_hz else { return Ok(Duration::ZERO) };
     if rate_hz > 0.0 && rate_hz.is_finite() {
@@ -138,11 +139,11 @@ fn least_interval(kind: BridgeKind, rate_hz: Option<f64>) -> Result<Duration, Co
     Err(ConfigError::new(&[kind.name(), "output_rate_hz"], message))
 }
 
-/// How the vehicle is spoken to.
+/// Link to the vehicle with its output format.
 struct VehicleLink {
     source: Source,
     output: Output,
-    /// Greatest rate of outputs that was asked for, Hz.
+    /// Configured largest rate of outputs, Hz.
     rate_hz: Option<f64>,
     mavlink: Option<MavlinkConfig>,
 }
@@ -183,10 +184,10 @@ impl VehicleLink {
 }
 
 impl Vehicle {
-    /// A bridge that has not received anything yet.
+    /// A bridge without received data yet.
     ///
     /// # Errors
-    /// [`ConfigError`] for options that cannot be.
+    /// [`ConfigError`] for invalid options.
     pub fn new(config: &BridgeConfig, mut bench: Bench) -> Result<Self, ConfigError> {
         let options = &config.options;
         let safety = options.safety.clone();
@@ -250,13 +251,13 @@ impl Vehicle {
         })
     }
 
-    /// This bridge was started again in the middle of a run: nobody is in charge until somebody arms anew.
+    /// Continues after a restart of this bridge during a run: no source is in charge until it is armed again.
     pub fn come_back(&mut self) {
         let mode = self.arming.come_back();
         self.announce(mode);
     }
 
-    /// Takes in a command that answers the newest measurement, and sends what comes of it.
+    /// Processes a command that answers the newest measurement, and sends the output.
     pub fn command(&mut self, inputs: &[f64], now: Duration) {
         self.finite = inputs.len() == self.inputs.len() && inputs.iter().all(|u| u.is_finite());
         if self.finite {
@@ -269,19 +270,19 @@ impl Vehicle {
         }
     }
 
-    /// Takes in an estimate: states, normalised innovation squared and its degrees of freedom.
+    /// Processes an estimate: states, normalised innovation squared and its degrees of freedom.
     pub fn estimate(&mut self, states: &[f64], nis: f64, dof: u32, now: Duration) {
-        // While its commands are not obeyed the estimator expects what does not happen.
+        // While its commands are not applied the estimator's predictions are wrong.
         let dof = if self.arming.mode() == Mode::Automatic { dof } else { 0 };
         self.watch.observe(states, nis, dof, now);
     }
 
-    /// Whether a condition failed in flight and nobody has armed again.
+    /// True when a condition failed in flight and nobody has armed again.
     pub fn has_failed(&self) -> bool {
         matches!(self.arming.mode(), Mode::Failed(_))
     }
 
-    /// Ends the run: disarms, and takes an override back.
+    /// Ends the run: disarms, and releases an override.
     pub fn end(&mut self, now: Duration) {
         if let Some(mode) = self.arming.end() {
             self.announce(mode);
@@ -297,7 +298,7 @@ impl Vehicle {
         }
     }
 
-    /// Does what is due by time: notices silence, repeats outputs, sends heartbeats. To be called by
+    /// Time-dependent work: detects silence, repeats outputs, sends heartbeats. To be called by
     /// [`Vehicle::wake_at`] at the latest.
     pub fn poll(&mut self, now: Duration) {
         self.decide(now);
@@ -309,7 +310,7 @@ impl Vehicle {
         }
     }
 
-    /// When to call [`Vehicle::poll`] at the latest.
+    /// Latest time of the next call of [`Vehicle::poll`].
     pub fn wake_at(&self, now: Duration) -> Duration {
         let alive = self.sent_at.map_or(now, |at| at + KEEP_ALIVE);
         match &self.source {
@@ -323,7 +324,7 @@ impl Vehicle {
         self.telemetry.measure()
     }
 
-    /// Whether an attitude came since the last measurement.
+    /// True when an attitude has arrived since the last measurement.
     pub fn has_attitude(&self) -> bool {
         self.telemetry.is_fresh(Group::Attitude)
     }
@@ -338,23 +339,23 @@ impl Vehicle {
         self.notes.take()
     }
 
-    /// Which source drives the outputs.
+    /// Mode: the source that drives the outputs.
     pub fn mode(&self) -> Mode {
         self.arming.mode()
     }
 
-    /// The channels as they were sent last, us, and which are in use.
+    /// The channels last sent, us, and which are in use.
     pub fn channels(&self) -> (&[f64; CHANNELS], &[bool; CHANNELS]) {
         (self.mapping.us(), self.mapping.in_use())
     }
 
-    /// Whether the vehicle says that it is armed.
+    /// True when the vehicle reports that it is armed.
     pub fn is_armed(&self) -> bool {
         matches!(&self.source, Source::Mavlink(a) if a.is_armed())
     }
 
-    /// Moves one channel, from 0, off its neutral while nobody is in charge and the vehicle is disarmed, to see whether it
-    /// arrives; limits and rates hold.
+    /// Moves one channel, from 0, off its neutral while no source is in charge and the vehicle is disarmed,
+    /// to check that it arrives; limits and rates apply.
     pub fn push(&mut self, channel: usize, by_us: f64, now: Duration) {
         if self.arming.mode() == Mode::Disarmed && !self.is_armed() {
             self.mapping.push(Some((channel, by_us)));
@@ -363,19 +364,19 @@ impl Vehicle {
         }
     }
 
-    /// Lends the channels to the vehicle's own radio while nobody is in charge, so that its sticks can be seen, or takes
-    /// them back.
+    /// Hands the channels over to the vehicle's own radio while no source is in charge, so that its sticks
+    /// can be observed, or takes them back.
     pub fn lend(&mut self, lent: bool, now: Duration) {
         self.lent = lent && self.arming.mode() == Mode::Disarmed;
         self.send(now);
     }
 
-    /// The channels that carry inputs which turn the vehicle, and a sentence for every channel.
+    /// The channels with inputs that rotate the vehicle, and a sentence for every channel.
     pub fn steering(&self, inputs: &[Input]) -> (Vec<Steering>, Vec<String>) {
         (self.mapping.steering(inputs), self.mapping.sentences(inputs))
     }
 
-    /// The channels that the vehicle says it receives, us, when it said so within `age`.
+    /// Channels that the vehicle reports to receive, us, unless the report is older than `age`.
     pub fn sent_channels(&self, age: Duration, now: Duration) -> Option<Vec<f64>> {
         match &self.source {
             Source::Mavlink(a) => a.sent_channels(age, now),

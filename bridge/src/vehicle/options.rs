@@ -1,4 +1,4 @@
-//! Errors for impossible options of a bridge to a vehicle.
+//! Errors of invalid options of a bridge to a vehicle.
 
 use crate::arming::ArmBy;
 use crate::config::{BridgeConfig, BridgeKind, ConfigError, MavlinkConfig, Output, SafetyConfig};

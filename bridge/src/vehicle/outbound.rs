@@ -7,11 +7,11 @@ use crate::arming::{ArmBy, Mode, Reason};
 use crate::channels::CHANNELS;
 use crate::config::{OnFailure, Output, PilotSource};
 
-/// Nobody has armed for so long: then it is told who is waited for.
+/// Time without arming after which the awaited source is reported.
 const UNARMED: Duration = Duration::from_secs(4);
 
 impl Vehicle {
-    /// A change of who is in charge is always told.
+    /// Reports a change of the source in charge.
     pub(super) fn announce(&mut self, mode: Mode) {
         let text = match mode {
             Mode::Automatic => "armed: the controller is in charge".into(),
@@ -28,7 +28,7 @@ impl Vehicle {
         self.notes.warn(text);
     }
 
-    /// Tells what stands in the way of an arm that was asked for, once for each reason.
+    /// Reports the condition that prevents a requested arm, once for each reason.
     pub(super) fn explain(&mut self, asked: bool) {
         let reason = self
             .arming
@@ -42,7 +42,7 @@ impl Vehicle {
         self.explained = reason;
     }
 
-    /// A reason in words, with the figures that it comes from.
+    /// A reason as text, with its figures.
     fn why_not(&self, reason: Reason) -> String {
         let interval = self.telemetry.interval().filter(|_| reason == Reason::TooRare);
         let Some(interval) = interval else { return format!("not armed yet: {reason}") };
@@ -56,7 +56,7 @@ impl Vehicle {
         )
     }
 
-    /// Tells once who is waited for, when nobody has armed for a while.
+    /// Reports once who must arm, when nobody has armed for a while.
     pub(super) fn tell_who_arms(&mut self, now: Duration) {
         if self.arming.mode() != Mode::Disarmed {
             return self.waiting_since = None;
@@ -80,13 +80,13 @@ impl Vehicle {
         });
     }
 
-    /// Whether the vehicle's own pilot or failsafe has the vehicle, and nothing is to be sent.
+    /// True when the vehicle is handed over to its own pilot or failsafe, and nothing must be sent.
     fn is_handed_over(&self) -> bool {
         match self.arming.mode() {
             Mode::Failed(_) => self.safety.on_failure == OnFailure::Release,
             // The stick of a pilot who flies by the vehicle's own radio needs no relay.
             Mode::Manual => self.pilot_source == Some(PilotSource::Mavlink),
-            // Nothing is taken from a pilot who has not armed yet.
+            // A pilot who has not armed yet keeps all channels.
             Mode::Disarmed => {
                 let own_radio =
                     self.pilot_source == Some(PilotSource::Mavlink) && self.output == Output::RcOverride;
@@ -96,9 +96,9 @@ impl Vehicle {
         }
     }
 
-    /// The channels that may be taken from the vehicle's own radio: all in use, but for those that are the pilot's when he flies
-    /// by that radio. An autopilot tells overridden channels as if the pilot had them there, so that an override of his throttle
-    /// would hold it where it was for ever.
+    /// Channels that may be overridden: all in use, except the pilot's own when he flies by the vehicle's
+    /// radio. An autopilot reports overridden channels as the pilot's, so that an override of his throttle
+    /// would be fed back and hold it forever.
     pub(super) fn overridden(&self) -> [bool; CHANNELS] {
         let mut overridden = *self.mapping.in_use();
         if self.pilot_source == Some(PilotSource::Mavlink) {
@@ -107,7 +107,7 @@ impl Vehicle {
         overridden
     }
 
-    /// Holds what acts against how the vehicle turns.
+    /// Compares the acting inputs with the vehicle's rotation.
     fn watch_signs(&mut self, now: Duration) {
         self.mapping.acting(&mut self.acting);
         if let (Mode::Automatic, Some(attitude)) = (self.arming.mode(), self.telemetry.attitude()) {
@@ -131,7 +131,7 @@ impl Vehicle {
         if let (Source::Mavlink(autopilot), Some(config)) = (&mut self.source, &self.mavlink) {
             let target = autopilot.target();
             let message = match self.output {
-                // An override is taken back again and again: the first message may be lost.
+                // An override is released repeatedly: the first message may be lost.
                 Output::RcOverride => {
                     Some(output::rc_override((!released).then_some(us), &overridden, target))
                 }

@@ -1,4 +1,4 @@
-//! Encodes channels as the messages of each kind of output.
+//! Encodes channels in the message of each kind of output.
 
 use std::time::Duration;
 
@@ -8,12 +8,12 @@ use crate::crsf;
 use crate::mavlink::{MavMessage, dialect};
 use crate::sbus;
 
-/// `RC_CHANNELS_OVERRIDE`: leave the channel as it is.
+/// Value of `RC_CHANNELS_OVERRIDE` that leaves a channel unchanged.
 const IGNORE: u16 = u16::MAX;
-/// `RC_CHANNELS_OVERRIDE`, channels 9 and up: give the channel back to the radio.
+/// Value of `RC_CHANNELS_OVERRIDE` that returns a channel to the radio, for channels 9 and up.
 const RELEASE_HIGH: u16 = u16::MAX - 1;
 
-/// The override of the channels in use; `None` gives them back to the vehicle's own radio.
+/// Override of the channels in use; `None` returns them to the vehicle's own radio.
 pub(super) fn rc_override(
     us: Option<&[f64; CHANNELS]>,
     in_use: &[bool; CHANNELS],
@@ -21,7 +21,7 @@ pub(super) fn rc_override(
 ) -> MavMessage {
     let raw = |i: usize| match us {
         _ if !in_use[i] => IGNORE,
-        // 800 to 2200: no rounding can leave the range.
+        // From 800 to 2200: rounding cannot leave the range.
         Some(us) => us[i].round() as u16,
         None if i < 8 => 0,
         None => RELEASE_HIGH,
@@ -50,7 +50,8 @@ pub(super) fn rc_override(
     })
 }
 
-/// Stick positions of channels 1 to 4: x forward, so nose down is positive; y right; z 0 to 1000; r clockwise.
+/// Stick positions from channels 1 to 4: x forward, so nose down is positive; y right; z 0 to 1000; r
+/// clockwise.
 pub(super) fn manual_control(us: &[f64; CHANNELS], in_use: &[bool; CHANNELS], target: u8) -> MavMessage {
     let stick = |i: usize, value: f64| if in_use[i] { value.round() as i16 } else { i16::MAX };
     MavMessage::MANUAL_CONTROL(dialect::MANUAL_CONTROL_DATA {
@@ -63,7 +64,7 @@ pub(super) fn manual_control(us: &[f64; CHANNELS], in_use: &[bool; CHANNELS], ta
     })
 }
 
-/// Attitude or body rates of channels 1 to 4: roll, pitch, thrust, yaw rate.
+/// Attitude or body rates from channels 1 to 4: roll, pitch, thrust, yaw rate.
 pub(super) fn attitude_target(
     us: &[f64; CHANNELS],
     in_use: &[bool; CHANNELS],
@@ -114,12 +115,12 @@ pub(super) fn sbus(us: &[f64; CHANNELS], out: &mut Vec<u8>) {
     sbus::write(&sbus::Frame { channels, digital: [false; 2], lost: false, failsafe: false }, out);
 }
 
-/// -1 to 1 for 1000 to 2000 us.
+/// Normalised value, -1 to 1 for 1000 to 2000 us.
 fn normal(us: f64) -> f64 {
     ((us - 1500.0) / 500.0).clamp(-1.0, 1.0)
 }
 
-/// 0 to 1 for 1000 to 2000 us.
+/// Thrust, 0 to 1 for 1000 to 2000 us.
 fn thrust(us: f64) -> f64 {
     ((us - 1000.0) / 1000.0).clamp(0.0, 1.0)
 }
@@ -136,7 +137,8 @@ pub(super) fn quaternion(roll: f64, pitch: f64, yaw: f64) -> [f64; 4] {
     ]
 }
 
-/// Roll, pitch and yaw of a quaternion (w, x, y, z), which need not be of length one; `None` for one of length zero.
+/// Roll, pitch and yaw of a quaternion (w, x, y, z), which need not be normalised; `None` for a zero
+/// quaternion.
 pub(super) fn euler([w, x, y, z]: [f64; 4]) -> Option<[f64; 3]> {
     let norm = (w * w + x * x + y * y + z * z).sqrt();
     if !(norm > 1e-6 && norm.is_finite()) {

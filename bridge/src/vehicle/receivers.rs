@@ -1,4 +1,4 @@
-//! Where the contents of a MAVLink message go.
+//! Destinations of the contents of a MAVLink message.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use crate::mavlink::dialect;
 use crate::note::Notes;
 use crate::pilot::Pilot;
 
-/// Where the contents of a received message go.
+/// Destinations of the contents of a received message.
 pub(super) struct Receivers<'a> {
     pub(super) telemetry: &'a mut Telemetry,
     pub(super) pilot: Option<&'a mut Pilot>,
@@ -21,7 +21,7 @@ impl Receivers<'_> {
     }
 }
 
-/// The channels that a message has, us.
+/// The channels in a message, us.
 pub(super) fn rc_channels(m: &dialect::RC_CHANNELS_DATA) -> Vec<f64> {
     let all = [
         m.chan1_raw,

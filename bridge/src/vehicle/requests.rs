@@ -1,16 +1,16 @@
-//! Asking an autopilot for the messages that the loop needs, until it says yes.
+//! Requests an autopilot to send the messages that the loop needs, until it accepts.
 
 use std::time::Duration;
 
 use crate::mavlink::{MavMessage, dialect};
 
-/// Time until a request that was not answered is sent again.
+/// Time after which an unanswered request is repeated.
 const AGAIN: Duration = Duration::from_millis(500);
 
-/// How often a message is asked for in vain.
+/// Largest number of unanswered requests per message.
 const TRIES: u32 = 10;
 
-/// How an autopilot answered.
+/// Answer of an autopilot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Answer {
     /// The autopilot will send the message with this number.
@@ -51,7 +51,7 @@ impl Requests {
         Self { list }
     }
 
-    /// Asks for another message in place of one that was refused, at its rate; false when it is on the list already.
+    /// Requests another message in place of a refused one, at its rate; false when it is on the list already.
     pub fn ask_instead(&mut self, refused: u32, id: u32) -> bool {
         if self.list.iter().any(|r| r.id == id) {
             return false;
@@ -61,19 +61,19 @@ impl Requests {
         true
     }
 
-    /// Whether a message with this number is on the list.
+    /// True when a message with this number is on the list.
     pub fn asks_for(&self, id: f32) -> bool {
         self.list.iter().any(|r| r.id as f32 == id)
     }
 
-    /// Asks for everything again: the autopilot restarted or came back.
+    /// Requests everything again, after the autopilot restarted or reconnected.
     pub fn restart(&mut self) {
         for request in &mut self.list {
             (request.tries, request.due, request.done) = (0, Duration::ZERO, false);
         }
     }
 
-    /// The next request to send, if one is due, for this system and component.
+    /// The next request to this system and component, if one is due.
     pub fn next(&mut self, target: (u8, u8), now: Duration) -> Result<Option<MavMessage>, Answer> {
         let Some(request) = self.list.iter_mut().find(|r| !r.done) else { return Ok(None) };
         if now < request.due {
@@ -96,7 +96,7 @@ impl Requests {
         })))
     }
 
-    /// Takes in an answer.
+    /// Processes an answer.
     pub fn acknowledged(&mut self, ack: &dialect::COMMAND_ACK_DATA) -> Option<Answer> {
         if ack.command != dialect::MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
             return None;

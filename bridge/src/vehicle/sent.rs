@@ -1,4 +1,4 @@
-//! What was sent to the vehicle and why, for the log.
+//! Log message of the outputs to the vehicle and their source.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use super::{Source, Vehicle};
 use crate::arming::Mode;
 
 impl Vehicle {
-    /// What was sent last, and whose will it was. The caller fills in the head.
+    /// Last output and its source. The caller fills in the head.
     pub fn sent(&self, now: Duration) -> Sent {
         let mut sent = Sent { channels: [f64::NAN; 16], stick: [f64::NAN; 16], ..Sent::zeroed() };
         let in_use = self.mapping.in_use().iter().zip(self.mapping.us());

@@ -9,8 +9,8 @@ use super::clock::PeerClock;
 use crate::config::{ConfigError, Trim};
 use crate::sign_watch::Attitude;
 
-/// Names of the fields that the bus can carry of a vehicle: six of `Imu`, then six of `Odometry`. Three neighbours form
-/// a group and share one validity bit.
+/// Names of the bus's fields for a vehicle: six of `Imu`, then six of `Odometry`. Each three consecutive
+/// fields form a group and share one validity bit.
 pub const FIELDS: [&str; 12] = [
     "roll",
     "pitch",
@@ -26,38 +26,39 @@ pub const FIELDS: [&str; 12] = [
     "vertical_speed",
 ];
 
-/// A vehicle's clock that goes back by more than this was restarted, ns, unless newer stamps came within [`SILENCE`].
+/// Step back of the vehicle's clock from which it was restarted, ns, unless newer stamps arrived within
+/// [`SILENCE`].
 const RESTART_NS: i64 = 1_000_000_000;
 
-/// A message with an older stamp that comes within this time after newer ones was only held back on its way.
+/// Time after newer stamps within which a message with an older stamp was only delayed.
 const SILENCE: Duration = Duration::from_millis(200);
 
-/// Rates that are further from an attitude in time say nothing of it.
+/// Largest time between rates and an attitude that belong together.
 const TOGETHER: Duration = Duration::from_millis(20);
 
-/// Attitudes that the rate is told from, and the fewest times between two of them.
+/// Number of attitudes from which the rate is determined, and the fewest intervals between them.
 const ARRIVALS: usize = 9;
 const LEAST_INTERVALS: usize = 3;
 
-/// Measurements that come together.
+/// Measurements that arrive together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Group {
-    /// Roll, pitch, yaw, rad.
+    /// Roll, pitch and yaw, rad.
     Attitude = 0,
     /// Body rates about the forward, right and down axes, rad/s.
     Rates = 1,
-    /// Forward, right, up, m.
+    /// Position forward, right, up, m.
     Position = 2,
-    /// Forward, right, up, m/s.
+    /// Speed forward, right, up, m/s.
     Speed = 3,
 }
 
-/// Why a measurement was refused.
+/// Reason why a measurement was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refused {
     /// A value is NaN or infinite.
     NotFinite,
-    /// The time stamp is not after that of the last measurement: repeated, or overtaken on the way.
+    /// The time stamp is not after that of the last measurement: repeated, or overtaken in transit.
     Old,
 }
 
@@ -65,7 +66,7 @@ pub enum Refused {
 struct Held {
     values: [f64; 3],
     stamp_ns: Option<i64>,
-    /// When it was measured, by our clock.
+    /// Time of measurement, by our clock.
     at: Option<Duration>,
     fresh: bool,
 }
@@ -73,11 +74,11 @@ struct Held {
 /// Counts of refused measurements.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Refusals {
-    /// Measurements with a value that is not finite.
+    /// Number of measurements with a value that is not finite.
     pub not_finite: u64,
-    /// Measurements that are not newer than the last.
+    /// Number of measurements that are not newer than the last.
     pub old: u64,
-    /// Restarts of the vehicle's clock.
+    /// Number of restarts of the vehicle's clock.
     pub restarts: u64,
 }
 
@@ -87,16 +88,16 @@ pub struct Telemetry {
     trims: [Trim; FIELDS.len()],
     held: [Held; 4],
     clock: PeerClock,
-    /// The newest stamp, and when it came.
+    /// The newest stamp, and its time of arrival.
     newest: Option<(i64, Duration)>,
-    /// When the last attitudes came.
+    /// Times of arrival of the last attitudes.
     arrivals: VecDeque<Duration>,
     restarted: bool,
     refusals: Refusals,
 }
 
 impl Telemetry {
-    /// Nothing measured yet.
+    /// Telemetry without any measurement.
     ///
     /// # Errors
     /// For a trim of a field that the bus does not have, or that is not finite.
@@ -124,7 +125,7 @@ impl Telemetry {
         })
     }
 
-    /// The vehicle's clock.
+    /// Clock of the vehicle.
     pub fn clock(&mut self) -> &mut PeerClock {
         &mut self.clock
     }
@@ -139,10 +140,10 @@ impl Telemetry {
         self.refusals
     }
 
-    /// Takes in a group with the vehicle's time stamp, ns; `None` for a protocol without stamps.
+    /// Processes a group with the vehicle's time stamp, ns; `None` for a protocol without stamps.
     ///
     /// # Errors
-    /// [`Refused`], counted; what was known stays.
+    /// [`Refused`], which is counted; earlier measurements are kept.
     pub fn take(
         &mut self,
         group: Group,
@@ -186,7 +187,7 @@ impl Telemetry {
         Ok(())
     }
 
-    /// Forgets all measurements because the vehicle restarted.
+    /// Discards all measurements because the vehicle restarted.
     pub fn restart(&mut self) {
         self.held = [Held::default(); 4];
         self.clock.reset();
@@ -196,7 +197,7 @@ impl Telemetry {
         self.refusals.restarts += 1;
     }
 
-    /// Whether the vehicle restarted since this was last asked.
+    /// True when the vehicle restarted since the last call.
     pub fn take_restart(&mut self) -> bool {
         std::mem::take(&mut self.restarted)
     }
@@ -206,7 +207,8 @@ impl Telemetry {
         self.held[group as usize].at.map(|at| now.saturating_sub(at))
     }
 
-    /// Typical time between the last attitudes, their median, so that one pause is none; `None` before some have come.
+    /// Typical time between the last attitudes, by their median, so that a single pause does not matter;
+    /// `None` before several have arrived.
     pub fn interval(&self) -> Option<Duration> {
         let mut between = [Duration::ZERO; ARRIVALS];
         let pairs = self.arrivals.iter().zip(self.arrivals.iter().skip(1));
@@ -216,13 +218,13 @@ impl Telemetry {
         between.get(count / 2).copied()
     }
 
-    /// The newest values of a group, with trims, in the units of [`Group`].
+    /// The newest values of a group, with signs, scales and offsets applied, in the units of [`Group`].
     pub fn values(&self, group: Group) -> Option<[f64; 3]> {
         let held = &self.held[group as usize];
         held.at.map(|_| held.values)
     }
 
-    /// The newest attitude, with the rates that were measured with it or shortly before.
+    /// The newest attitude, with the rates measured with it or shortly before.
     pub fn attitude(&self) -> Option<Attitude> {
         let [attitude, rates, ..] = &self.held;
         let at = attitude.at?;
@@ -231,12 +233,12 @@ impl Telemetry {
         Some(Attitude { angles: attitude.values, rates, at })
     }
 
-    /// Whether a group came since the last [`Telemetry::measure`].
+    /// True when a group has arrived since the last [`Telemetry::measure`].
     pub fn is_fresh(&self, group: Group) -> bool {
         self.held[group as usize].fresh
     }
 
-    /// The messages of a step, in which measurements since the last call are marked as fresh. The caller fills in the
+    /// The messages of a step, with measurements since the last call marked as fresh. The caller fills in the
     /// heads.
     pub fn measure(&mut self) -> (Imu, Odometry) {
         let (mut imu, mut odometry) = (Imu::zeroed(), Odometry::zeroed());

@@ -1,15 +1,15 @@
-//! What is told, once, of a MAVLink link on which little comes that can be used.
+//! Warnings, once each, about a MAVLink link with little usable data.
 
 use crate::mavlink::Counts;
 use crate::note::Notes;
 
-/// After so many bytes without a message the baud rate is said to be wrong.
+/// Number of bytes without a message from which a wrong baud rate is reported.
 const BAUD_WARNING_BYTES: u64 = 600;
 
-/// So many messages without a right signature are no accident.
+/// Number of messages with a wrong or missing signature that is no coincidence.
 const SIGNATURE_WARNING_MESSAGES: u64 = 5;
 
-/// What was told.
+/// Warnings given so far.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Warnings {
     baud: bool,
@@ -17,13 +17,13 @@ pub(super) struct Warnings {
 }
 
 impl Warnings {
-    /// Looks at what has come on `link`, and tells what is wrong for the first time.
+    /// Checks the counts of `link`, and warns about each problem once.
     pub(super) fn look(&mut self, counts: &Counts, link: &str, notes: &mut Notes) {
         if !self.signature && counts.signature() >= SIGNATURE_WARNING_MESSAGES {
             self.signature = true;
             notes.warn(format!("on {link} {}", signatures(counts)));
         }
-        // Frames whose checksum holds came at the right rate.
+        // Frames with a correct checksum arrived at the correct baud rate.
         let nothing = counts.messages + counts.signature() == 0;
         if !self.baud && nothing && counts.bytes > BAUD_WARNING_BYTES {
             self.baud = true;
@@ -35,7 +35,7 @@ impl Warnings {
     }
 }
 
-/// What is wrong with the signatures, by how many messages.
+/// Text on signature problems, with the number of messages.
 fn signatures(counts: &Counts) -> String {
     let kinds = [
         (counts.wrong_signature, "had a wrong signature: is bridge.mavlink.signing_key the vehicle's key?"),

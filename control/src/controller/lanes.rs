@@ -1,5 +1,6 @@
-//! One law over several flights side by side, which are asked for the same. Every number is to the last bit that of
-//! [`Controller`] over the one flight; where that branches on a number, all branches are computed and one is taken.
+//! One law over several simultaneous flights with the same reference. Every number is bit-identical to that
+//! of [`Controller`] over the single flight; where that branches on a number, all branches are computed and
+//! one is selected.
 
 #![expect(clippy::needless_range_loop, reason = "a loop over lanes indexes several rows alike")]
 
@@ -8,14 +9,14 @@ use crate::actuation::{Actuation, NO_FRICTION};
 use crate::design::Switching;
 use crate::options::AntiWindup;
 
-/// A [`Controller`] over K flights.
+/// A [`Controller`] over K simultaneous flights.
 #[derive(Debug, Clone)]
 pub struct ControllerLanes<const K: usize> {
-    /// The law, and what is the same in all flights.
+    /// The law, with everything that is common to all flights.
     law: Controller,
     in_force: Vec<[f64; K]>,
     integrals: Vec<[f64; K]>,
-    /// Estimate and memory.
+    /// Estimated and known states of each flight.
     state: Vec<[f64; K]>,
     predicted: Vec<[f64; K]>,
     error: Vec<[f64; K]>,
@@ -25,17 +26,19 @@ pub struct ControllerLanes<const K: usize> {
     twist: Vec<[f64; K]>,
 }
 
-/// What one step has to say of each flight besides the command.
+/// Result of one step for each flight besides the command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OutcomeLanes<const K: usize> {
-    /// At least one input stands at a limit of value or rate.
+    /// True for a flight with at least one input at a limit of value or rate.
     pub saturated: [bool; K],
-    /// Estimate or command were not usable, for which a flight of its own has rules; this one is without meaning from now on.
+    /// True for a flight with an unusable estimate or command, for which a single controller has rules; its
+    /// lane is invalid from now on.
     pub lost: [bool; K],
 }
 
 impl<const K: usize> ControllerLanes<K> {
-    /// All flights where `law` is; `None` for a law that takes effects back, which has a memory of its own flight.
+    /// All flights in the state of `law`; `None` for a law with compensation, whose state differs between
+    /// flights.
     pub fn new(law: &Controller) -> Option<Self> {
         if !law.actuation.is_plain() {
             return None;
@@ -56,12 +59,12 @@ impl<const K: usize> ControllerLanes<K> {
         })
     }
 
-    /// As [`Controller::set_test_input`].
+    /// Sets a test input as [`Controller::set_test_input`], the same for all flights.
     pub fn set_test_input(&mut self, u: &[f64]) {
         self.law.set_test_input(u);
     }
 
-    /// As [`Controller::step`] for each flight.
+    /// Computes the commands as [`Controller::step`] for each flight.
     #[inline(always)]
     pub fn step(
         &mut self,
@@ -77,7 +80,7 @@ impl<const K: usize> ControllerLanes<K> {
         let mut sum = [0.0; K];
         for row in estimate.iter().chain(&self.command) {
             for l in 0..K {
-                // Zero, or not a number.
+                // Zero, or NaN.
                 sum[l] += 0.0 * row[l];
             }
         }
@@ -149,7 +152,7 @@ impl<const K: usize> ControllerLanes<K> {
         saturated
     }
 
-    /// Integrals and super-twisting memory for the next step.
+    /// Updates integrals and super-twisting state for the next step.
     #[inline(always)]
     fn remember(&mut self, saturated: &[bool; K]) {
         let law = &self.law;
@@ -192,7 +195,7 @@ impl<const K: usize> ControllerLanes<K> {
         }
     }
 
-    /// As [`Controller`] has it.
+    /// Anti-windup condition as in [`Controller`].
     #[inline(always)]
     fn winds_up(&self) -> [bool; K] {
         let law = &self.law;
@@ -209,7 +212,7 @@ impl<const K: usize> ControllerLanes<K> {
     }
 }
 
-/// Takes the switching part off what is wanted.
+/// Subtracts the switching part from the demand.
 #[inline(always)]
 fn switch<const K: usize>(sliding: &Sliding, s: &[[f64; K]], twist: &[[f64; K]], wanted: &mut [[f64; K]]) {
     for (i, (wanted, s)) in wanted.iter_mut().zip(s).enumerate() {

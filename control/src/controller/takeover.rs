@@ -1,22 +1,24 @@
-//! One law takes over from another in flight, without a bump in the command.
+//! Bumpless transfer: one law takes over from another in flight.
 //!
-//! The law that comes flies along first: it hears what the other commands, so that its past commands are the true ones. At every
-//! such step its integrals are set to where its command is the other's (conditioning, Hanus, Kinnaert and Henrotte 1987,
-//! Automatica 23); what integrals do not reach is an offset of the command, which dies away once the law is in charge (Graebe
-//! and Ahlen 1996, IEEE Transactions on Control Systems Technology 4). An offset is a disturbance at the input that vanishes, so
-//! that it takes nothing from the stability of a linear loop.
+//! The new law first runs in parallel: it receives the commands of the active law, so that its past commands
+//! are the true ones. At every such step its integrals are set so that its command equals the active one
+//! (conditioning, Hanus, Kinnaert and Henrotte 1987, Automatica 23); a remaining difference becomes an offset
+//! of the command, which decays once the law is active (Graebe and Ahlen 1996, IEEE Transactions on Control
+//! Systems Technology 4). The offset is a decaying disturbance at the input, which does not affect the
+//! stability of a linear loop.
 
 use super::Controller;
 use crate::actuation::Actuation;
 
 impl Controller {
-    /// Steps until a law that flies along has only true commands in its memory.
+    /// Number of steps after which a law that runs in parallel has only true commands in its memory.
     pub fn memory_steps(&self) -> usize {
         self.past.iter().copied().max().unwrap_or(0)
     }
 
-    /// Flies along with `flying`, which has just taken the step with the same estimate and reference, and is in charge: going on
-    /// with this law from the next step on leaves the command where it is. False when that is a law of another vehicle.
+    /// Runs in parallel with the active law `flying`, which has just taken the step with the same estimate
+    /// and reference: switching to this law at the next step leaves the command unchanged. False when
+    /// `flying` is a law for another vehicle.
     pub fn fly_along(&mut self, flying: &Self, estimate: &[f64], reference: &[f64], tracked: u64) -> bool {
         if (self.n, self.m) != (flying.n, flying.m) {
             return false;
@@ -32,9 +34,9 @@ impl Controller {
         true
     }
 
-    /// Flies along with a hand that has just given the inputs `u` in the place of this law's: going on with the law from the
-    /// next step on leaves the command where it is. False, and nothing is done, when `u` is not finite or not as long as the
-    /// plant has inputs.
+    /// Runs in parallel with manual control that has just given the inputs `u` in place of this law's:
+    /// switching to the law at the next step leaves the command unchanged. False, without effect, when `u` is
+    /// not finite or not as long as the plant has inputs.
     pub fn fly_along_by_hand(
         &mut self,
         u: &[f64],
@@ -47,14 +49,14 @@ impl Controller {
         }
         self.step_beside(estimate, reference, tracked, |actuation, command| {
             command.copy_from_slice(u);
-            // What is taken back of effects is no part of what the law commands.
+            // The compensation of effects is not part of the law's command.
             actuation.take_off(command);
         });
         self.refusals = 0;
         true
     }
 
-    /// Takes a step, and then as true what was commanded in the place of what came out of it.
+    /// Takes a step, and replaces its command by the one actually given.
     fn step_beside(
         &mut self,
         estimate: &[f64],
@@ -78,7 +80,7 @@ impl Controller {
         self.handover.command = missing;
     }
 
-    /// The memory of a sliding law is that of the other, where that is one too.
+    /// Copies the state of the active sliding law, where that is one too.
     fn take_memory_of_sliding(&mut self, flying: &Self) {
         let Some(sliding) = &mut self.sliding else { return };
         if self.integral == flying.integral {
@@ -89,7 +91,7 @@ impl Controller {
         }
     }
 
-    /// Sets the integrals to what reaches most of the missing command, which keeps what they do not reach.
+    /// Sets the integrals to provide most of the missing command; the remainder stays in `missing`.
     fn condition(&mut self, missing: &mut [f64]) {
         if self.loop_gain == 0.0 || self.handover.tracking.nrows() == 0 {
             return;
@@ -97,7 +99,8 @@ impl Controller {
         let (q, m) = self.handover.tracking.shape();
         for k in 0..q {
             let change: f64 = (0..m).map(|i| self.handover.tracking[(k, i)] * missing[i]).sum();
-            // Wanted is less by the integrals' gain times them, and the feedback is multiplied by the loop gain.
+            // The demand decreases by the integrals' gain times the integrals, and the feedback is multiplied
+            // by the loop gain.
             self.integrals[k] -= change / self.loop_gain;
             self.reached(k, change);
         }
@@ -106,7 +109,7 @@ impl Controller {
         }
     }
 
-    /// Adds up what a change of an integral does to the command.
+    /// Accumulates the effect of a change of an integral on the command.
     fn reached(&mut self, k: usize, change: f64) {
         for (i, reached) in self.handover.offset.iter_mut().enumerate() {
             *reached += self.integral_matrix[(i, k)] * change;

@@ -1,6 +1,8 @@
-//! Laws without delay, flown on late inputs: the state that they feed back is ahead of that of the vehicle.
+//! Predictor feedback: laws designed without delay, applied to delayed inputs by feeding back a predicted
+//! state.
 //!
-//! `phi` is the transition of the motion with further states (`extra` of them, integrals) that it drives.
+//! `phi` is the transition matrix of the motion with further states (`extra` of them, integrals) that it
+//! drives.
 
 use std::ops::AddAssign;
 
@@ -9,7 +11,8 @@ use whirlstand_vehicle::split_time;
 
 use crate::sampled_model::{Layout, SampledModel};
 
-/// What the motion at the end of a period has of the command of `input` of `back` periods ago, with zeros up to `count`.
+/// Contribution of the command of `input` of `back` periods ago to the motion at the end of a period, with
+/// zeros up to `count`.
 fn entry(model: &SampledModel, input: usize, back: usize, count: usize) -> DVector<f64> {
     let source = match back {
         0 => model.g.column(input),
@@ -18,9 +21,9 @@ fn entry(model: &SampledModel, input: usize, back: usize, count: usize) -> DVect
     source.rows(0, model.layout.motion()).into_owned().resize_vertically(count, 0.0)
 }
 
-/// All inputs as far ahead as the latest of them reaches, over commands that are known: the Artstein reduction (IEEE Trans.
-/// Autom. Control 27, 1982), here in discrete time. With `M` and `b` returned, `p = M [s; extra]` obeys `p+ = phi p + b u`
-/// whatever the law asks for, and registers have nothing to do with p but through it.
+/// Prediction over the longest delay for all inputs, from known commands: the Artstein reduction (IEEE Trans.
+/// Autom. Control 27, 1982), here in discrete time. With `M` and `b` returned, `p = M [s; extra]` obeys `p+ =
+/// phi p + b u` for any law, and registers affect p only through M.
 pub fn to_the_latest(model: &SampledModel, phi: &DMatrix<f64>, extra: usize) -> (DMatrix<f64>, DMatrix<f64>) {
     let (motion, known, m) = (model.layout.motion(), model.layout.known(), model.g.ncols());
     let count = motion + extra;
@@ -32,8 +35,8 @@ pub fn to_the_latest(model: &SampledModel, phi: &DMatrix<f64>, extra: usize) -> 
     map.columns_mut(known, extra).copy_from(&powers[longest].columns(motion, extra));
     let mut input = DMatrix::zeros(count, m);
     for (i, &registers) in model.layout.commands.iter().enumerate() {
-        // A command of k periods ago enters at register r after r - k further periods; `longest` periods ahead its part
-        // has moved on for the rest of them.
+        // A command of k periods ago enters at register r after r - k further periods; `longest` periods
+        // ahead its contribution has propagated over the remaining ones.
         for back in 0..=registers {
             let mut sum = DVector::zeros(count);
             for r in back..=registers {
@@ -53,26 +56,27 @@ pub fn to_the_latest(model: &SampledModel, phi: &DMatrix<f64>, extra: usize) -> 
     (map, input)
 }
 
-/// Late inputs that each look as far ahead as it is late itself.
+/// Prediction for delayed inputs, over each input's own delay.
 ///
-/// With h_i whole periods of delay, the motion obeys `e+ = phi e + sum b_i u_i(k - h_i)`. A feedback `v = -K e` on this plant
-/// without delay is flown as `u_i(k) = -K_i e(k + h_i)`. What acts until then is known of the inputs that are later; of those that
-/// are not it is what they will be asked for, `-K_j e` at its time. So the loop is `e+ = (phi - b K) e` once the last delay is
-/// over (Tsubakino, Oliveira and Krstic, "Exact predictor-feedback for multi-input LTI systems with distinct input delays",
-/// Automatica 71, 2016; here in discrete time).
+/// With h_i whole periods of delay, the motion obeys `e+ = phi e + sum b_i u_i(k - h_i)`. A feedback `v = -K
+/// e` designed without delay is applied as `u_i(k) = -K_i e(k + h_i)`. Until then the commands of inputs with
+/// longer delays are known; those of inputs with shorter ones are the future demands `-K_j e` at their time.
+/// So the loop is `e+ = (phi - b K) e` after the longest delay (Tsubakino, Oliveira and Krstic, "Exact
+/// predictor-feedback for multi-input LTI systems with distinct input delays", Automatica 71, 2016; here in
+/// discrete time).
 pub struct Lookahead {
-    /// b, one column an input.
+    /// Input matrix b, one column per input.
     pub input: DMatrix<f64>,
     phi: DMatrix<f64>,
-    /// e of now, by states, past commands and further states.
+    /// The present e as a function of states, past commands and further states.
     now: DMatrix<f64>,
-    /// Whole periods that each input is late.
+    /// Delay of each input in whole periods.
     periods: Vec<usize>,
     layout: Layout,
 }
 
 impl Lookahead {
-    /// Of inputs that are late by `delays_s`.
+    /// Prediction for inputs with delays of `delays_s`.
     pub fn new(
         model: &SampledModel,
         delays_s: &[f64],
@@ -87,8 +91,8 @@ impl Lookahead {
             .map(|d| split_time(*d, period_s))
             .map(|(periods, fraction_s)| (periods as usize, fraction_s))
             .collect();
-        // A command that comes in the middle of a period is split over two: e is the end of this period then, less what
-        // commands that are as many whole periods late put into it.
+        // A command with a fractional delay is split over two periods: e is then the state at the end of this
+        // period, without the contribution of commands with that number of whole periods of delay.
         let is_split = delays.iter().any(|d| d.1 > 0.0);
         let start = if is_split { phi.clone() } else { DMatrix::identity(count, count) };
         let mut now = DMatrix::zeros(count, known + extra);
@@ -107,7 +111,7 @@ impl Lookahead {
         Self { input, phi: phi.clone(), now, periods, layout: model.layout.clone() }
     }
 
-    /// A feedback on e as one on states, past commands and further states.
+    /// Converts a feedback on e to one on states, past commands and further states.
     pub fn whole(&self, feedback: &DMatrix<f64>) -> DMatrix<f64> {
         let mut gain = DMatrix::zeros(feedback.nrows(), self.now.ncols());
         let mut e = self.now.clone();

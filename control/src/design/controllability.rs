@@ -1,4 +1,4 @@
-//! What no law can do, found before any is designed, and told by mode and state.
+//! Controllability checks before a design, with errors that name the mode and the states.
 
 use nalgebra::DMatrix;
 use whirlstand_linalg::{C64, Svd, complex};
@@ -10,7 +10,7 @@ use crate::sampled_plant::SampledPlant;
 /// Distance to an uncontrollable pair, see [`uncontrollability`], below which a mode counts as uncontrollable.
 const NEGLIGIBLE: f64 = 1e-12;
 
-/// Checks that the inputs move every mode that does not decay by itself, and that every integral can be held.
+/// Checks that every mode that does not decay is controllable, and that every integral can be held.
 pub fn check(plant: &SampledPlant, integral: &[usize]) -> Result<(), DesignError> {
     if let Some((mode, shares)) = lost_mode(plant, &[])? {
         let largest = shares.iter().copied().fold(0.0, f64::max);
@@ -27,11 +27,11 @@ pub fn check(plant: &SampledPlant, integral: &[usize]) -> Result<(), DesignError
     Ok(())
 }
 
-/// A mode of the plant and its integrals that does not decay and that no input moves, with the share that each state
-/// has in the combination of states that stays out of reach.
+/// An uncontrollable mode of the plant and its integrals that does not decay, with the share of each state in
+/// the uncontrollable combination.
 fn lost_mode(plant: &SampledPlant, integral: &[usize]) -> Result<Option<(C64, Vec<f64>)>, DesignError> {
     let (n, m, size) = (plant.state_count(), plant.input_count(), plant.state_count() + integral.len());
-    // In units of the scales, so that neither units nor weak inputs decide.
+    // In units of the scales, so that the result depends neither on units nor on weak inputs.
     let scale = |i: usize| plant.scales()[if i < n { i } else { integral[i - n] }];
     let a = DMatrix::from_fn(size, size, |i, j| {
         let entry = match i.checked_sub(n) {
@@ -98,7 +98,7 @@ mod tests {
             let design = design.unwrap_or_else(|e| panic!("{law}: {e}"));
             let stays = |p: &crate::design::Pole| p.continuous.is_some_and(|s| (s[0] + 0.7).abs() < 1e-6);
             assert!(design.closed_loop_poles.iter().any(stays), "{law}: {:?}", design.closed_loop_poles);
-            // What comes from there is a known disturbance, to be met with no more than it takes.
+            // The state is a known disturbance, and is compensated by no more than needed.
             let gain = design.linear.gain.map(f64::abs);
             assert!(gain[(0, 2)] <= gain[(0, 0)] + gain[(0, 1)], "{law}: {gain}");
         }
@@ -108,7 +108,7 @@ mod tests {
     fn an_integral_that_nothing_can_hold_is_named() {
         let plant =
             SampledPlant::new(dmatrix![0.0, 1.0; -1.0, -0.4], dmatrix![0.0; 1.0], 0.005).expect("sound");
-        // At rest a rate is zero, whatever the input: its integral is the angle once more.
+        // At rest a rate is zero, whatever the input: its integral would duplicate the angle.
         let integral = vec![Selector::Name("x2".into())];
         let options = LawOptions::Lqr(LqrOptions { integral, ..LqrOptions::default() });
         let message = Design::new(&plant, &options).expect_err("no integral of a rate").to_string();

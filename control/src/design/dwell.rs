@@ -1,14 +1,15 @@
-//! How long a loop remembers.
+//! Memory of a loop, used as the dwell time between switched laws.
 
 use super::Design;
 
-/// Longest memory that is told, s.
+/// Longest memory reported, s.
 const LONGEST_S: f64 = 60.0;
 
 impl Design {
-    /// Time after which the loop has at most half of anything that it had before, in the sizes of its states, s: the first power
-    /// of two of periods over which the norm of its transition is below a half, 60 s at most. Between laws that each fly at least as long, the
-    /// loop stays stable however often they take turns (Morse 1996, IEEE Transactions on Automatic Control 41: dwell time).
+    /// Time after which at most half of any initial state of the loop is left, in the scales of its states,
+    /// s: the first power of two of periods over which the norm of its transition is below a half, 60 s at
+    /// most. Between laws that are each active for at least that time, the loop stays stable however often
+    /// they alternate (Morse 1996, IEEE Transactions on Automatic Control 41: dwell time).
     pub fn memory_s(&self) -> f64 {
         let sizes = self.sizes();
         let mut power = self.linear.closed_loop(&self.plant);
@@ -30,8 +31,8 @@ impl Design {
         time.min(LONGEST_S)
     }
 
-    /// Of the states of the loop as it runs: plant, command in force, integrals over one second, and the memory of
-    /// super-twisting.
+    /// Scales of the states of the delayed loop: plant, command in force, integrals over one second, and the
+    /// state of super-twisting.
     fn sizes(&self) -> Vec<f64> {
         let scales = self.plant.all_scales();
         let authorities = || self.plant.inputs().iter().map(|i| i.authority());

@@ -1,4 +1,4 @@
-//! Why a law cannot be designed.
+//! Errors of a law's design.
 
 use thiserror::Error;
 use whirlstand_linalg::{C64, DecompositionError};
@@ -8,61 +8,61 @@ use crate::place::PlaceError;
 use crate::riccati::RiccatiError;
 use crate::smc::SurfaceError;
 
-/// Why a law cannot be designed.
+/// Reason why a law cannot be designed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum DesignError {
-    /// A name that the plant does not have.
+    /// An option names a state or input that the plant does not have.
     #[error("`{option}` names {name:?}, which is not among {known}")]
     UnknownName {
-        /// The option.
+        /// Name of the option.
         option: &'static str,
-        /// What it names.
+        /// Unknown name.
         name: String,
-        /// What there is.
+        /// Known names.
         known: String,
     },
-    /// An index out of range.
+    /// An index is out of range.
     #[error("`{option}` has the index {index}, but there are only {count}, counted from 0")]
     Index {
-        /// The option.
+        /// Name of the option.
         option: &'static str,
-        /// The index.
+        /// Given index.
         index: usize,
-        /// How many there are.
+        /// Number of states or inputs.
         count: usize,
     },
-    /// A list of the wrong length.
+    /// A list has the wrong length.
     #[error("`{option}` has {got} entries, but {wanted} are needed")]
     Count {
-        /// The option.
+        /// Name of the option.
         option: &'static str,
-        /// Found.
+        /// Length found.
         got: usize,
-        /// Needed.
+        /// Length needed.
         wanted: usize,
     },
-    /// A value out of its range.
+    /// A value is out of its range.
     #[error("`{option}` is {value}; it has to be {needed}")]
     Value {
-        /// The option.
+        /// Name of the option.
         option: &'static str,
-        /// Its value.
+        /// Given value.
         value: f64,
-        /// What would do.
+        /// Description of the valid values.
         needed: &'static str,
     },
-    /// Inputs whose delays differ by too much.
+    /// The delays of the inputs differ too much.
     #[error(
         "the delays of the inputs differ by so much that the equation of this law has {states} states; {most} are solved. Choose a \
          lower rate, or ppc or smc"
     )]
     Spread {
-        /// Its states.
+        /// Number of states of the Riccati equation.
         states: usize,
-        /// Most that are solved.
+        /// Largest number of states that is solved.
         most: usize,
     },
-    /// Options that exclude each other.
+    /// Two options exclude each other.
     #[error("`{first}` and `{second}` exclude each other; give one of them")]
     Conflict {
         /// One option.
@@ -70,7 +70,7 @@ pub enum DesignError {
         /// The other.
         second: &'static str,
     },
-    /// A mode that does not decay and that no input moves.
+    /// A mode that does not decay is uncontrollable.
     #[error(
         "the mode {mode} (1/s), which shows in {states}, is moved by no input and does not decay by itself; give the \
          vehicle an input that acts there, or leave these states out of the model"
@@ -78,21 +78,21 @@ pub enum DesignError {
     Uncontrollable {
         /// The mode, 1/s.
         mode: C64,
-        /// States that have a part in what no input moves.
+        /// States with a share in the uncontrollable mode.
         states: String,
     },
-    /// An integral that the inputs cannot hold.
+    /// The inputs cannot hold an integral.
     #[error(
         "the integral of {state} cannot be held by the inputs: at rest {state} is fixed because a rate is zero, or the integrals before it use all inputs; leave it out of `integral`"
     )]
     Integral {
-        /// The state.
+        /// Name of the state.
         state: String,
     },
     /// The reaching condition does not hold.
     #[error("the reaching condition fails: {why}")]
     Reaching {
-        /// Which part.
+        /// Description of the violated part.
         why: String,
     },
     /// The loop would be unstable.
@@ -100,7 +100,7 @@ pub enum DesignError {
         "the closed loop would have the discrete pole {pole}, outside the unit circle; ask for other weights or poles"
     )]
     Unstable {
-        /// The pole.
+        /// The unstable pole.
         pole: C64,
     },
     /// The Riccati equation was not solved.

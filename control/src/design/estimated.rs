@@ -1,7 +1,8 @@
-//! The loop as it flies: the law fed by the filter's estimate.
+//! The loop as it is flown: the law with the filter's estimate in the loop.
 //!
-//! A regulator on a measured state has margins that one on an estimate has not (Doyle, "Guaranteed margins for LQG
-//! regulators", IEEE Trans. Autom. Control 23, 1978), so those with the filter are told beside those of the law alone.
+//! A regulator on the measured state has margins that one on an estimate does not have (Doyle, "Guaranteed
+//! margins for LQG regulators", IEEE Trans. Autom. Control 23, 1978), so the margins with the filter are
+//! reported besides those of the law alone.
 
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -17,13 +18,13 @@ use crate::riccati::{RiccatiError, dare};
 use crate::sampled_model::SampledModel;
 use crate::sampled_plant::SampledPlant;
 
-/// Most states of a filter whose settled gain is computed.
+/// Largest number of filter states for which the settled gain is computed.
 const MOST_STATES: usize = 150;
 
-/// The loop with its filter, whose gain has settled.
+/// Figures of the loop with its filter at its settled gain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EstimatedLoop {
-    /// Poles of the filter; those of the loop are these and the law's where the filter runs on the model of the vehicle.
+    /// Poles of the filter; where its model equals the vehicle, the loop's poles are these and the law's.
     pub estimator_poles: Vec<Pole>,
     /// Largest magnitude of a pole of the whole loop.
     pub spectral_radius: f64,
@@ -31,36 +32,36 @@ pub struct EstimatedLoop {
     pub loop_margins: Vec<LoopMargins>,
     /// Margins at all inputs at once.
     pub multivariable_margins: MultivariableMargins,
-    /// Poles of the whole loop, around the vehicle as it is.
+    /// Poles of the whole loop with the actual vehicle.
     #[serde(skip)]
     pub poles: Vec<Pole>,
     #[serde(skip)]
     ratio: ReturnRatio,
 }
 
-/// What is known of the loop with its filter.
+/// Figures of the loop with its filter, if they exist.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum LoopFigures {
     /// The figures.
     Known(Box<EstimatedLoop>),
-    /// There are none.
+    /// The figures cannot be computed.
     Absent {
-        /// Why, in a sentence.
+        /// Reason, as a sentence.
         why: String,
     },
 }
 
-/// Why the figures of the loop with its filter cannot be had.
+/// Reason why the figures of the loop with its filter cannot be computed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EstimatedLoopError {
     /// The filter has too many states.
     #[error("the filter has {states} states; up to {MOST_STATES} its settled gain is computed")]
     Size {
-        /// Its states.
+        /// Number of states.
         states: usize,
     },
-    /// The gain does not settle.
+    /// The gain does not converge.
     #[error("the filter has no settled gain: {0}")]
     Riccati(#[from] RiccatiError),
     /// An unstable mode of the plant is too fast for the period.
@@ -72,8 +73,8 @@ pub enum EstimatedLoopError {
 }
 
 impl EstimatedLoop {
-    /// The loop of a law fed by `estimator`, around the vehicle that `linear` describes, which delivers output i every
-    /// `every[i]` steps: a rarer one counts as one that is noisier in the same measure.
+    /// The loop of a law with `estimator`, around the vehicle that `linear` describes, which delivers output
+    /// i every `every[i]` steps: a slower output is modelled as proportionally noisier.
     ///
     /// # Errors
     /// [`EstimatedLoopError`].
@@ -96,7 +97,8 @@ impl EstimatedLoop {
         let mut poles = eigenvalues(&filter)?;
         let registers: usize = vehicle.layout.outputs.iter().sum();
         round_delays(&mut poles, registers);
-        // Fed back, the ratio is that of the loop: its poles tell whether it is stable, whatever model the filter has.
+        // The closed return ratio is the loop: its poles show whether it is stable, whatever model the filter
+        // has.
         let closed = &ratio.a - &ratio.b * &ratio.c;
         let all = eigenvalues(&closed)?;
         let spectral_radius = all.iter().map(|p| p.norm()).fold(0.0, f64::max);
@@ -120,7 +122,7 @@ impl EstimatedLoop {
     }
 }
 
-/// The gain that corrects the state once it has settled, n x p; zero at outputs that are not used.
+/// Settled correction gain of the filter, n x p; zero at outputs that are not used.
 fn settled_gain(model: &FilterModel, used: u64, every: &[u32]) -> Result<DMatrix<f64>, RiccatiError> {
     let p = model.h.nrows();
     let rows: Vec<usize> = (0..p).filter(|i| used >> i & 1 == 1).collect();
@@ -138,8 +140,9 @@ fn settled_gain(model: &FilterModel, used: u64, every: &[u32]) -> Result<DMatrix
     Ok(all)
 }
 
-/// The loop opened where the commands enter the vehicle. States: the vehicle's with its sensors, the command that acts, the
-/// filter's prediction, what filter and law know of the commands, the command that they believe in, the law's memory.
+/// Return ratio of the loop opened where the commands enter the vehicle. States: the vehicle's with its
+/// sensors, the command in force, the filter's prediction, the commands known to filter and law, the command
+/// that they assume, the law's memory.
 fn ratio(
     (plant, law): (&SampledPlant, &LinearLaw),
     model: &FilterModel,
@@ -157,7 +160,7 @@ fn ratio(
     };
     let (seen, acting, predicted) = (unit(at[0], nv), unit(at[1], m), unit(at[2], nf));
     let (past, command, memory) = (unit(at[3], known), unit(at[4], m), unit(at[5], q));
-    // Inputs of the filter: the commands, and what is known where its model has it.
+    // Inputs of the filter: the commands, and the known states where its model contains them.
     let stack = |parts: &[&DMatrix<f64>]| {
         let mut rows = DMatrix::zeros(parts.iter().map(|p| p.nrows()).sum(), size);
         let mut from = 0;

@@ -1,4 +1,4 @@
-//! The linear form that every law has near its target, and the loop that it closes.
+//! The linear form of a law near its target, and its closed loop.
 
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -10,16 +10,17 @@ use crate::sampled_plant::SampledPlant;
 /// `u = -gain p - memory_gain w`, `w+ = memory w + memory_input p`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LinearLaw {
-    /// m x n.
+    /// Gain on the predicted state, m x n.
     #[serde(serialize_with = "crate::rows::serialize")]
     pub gain: DMatrix<f64>,
-    /// m x q; the first columns belong to the integrals of the error, the others to super-twisting.
+    /// Gain on the memory, m x q; the first columns belong to the integrals of the error, the others to
+    /// super-twisting.
     #[serde(serialize_with = "crate::rows::serialize")]
     pub memory_gain: DMatrix<f64>,
-    /// q x q.
+    /// Transition matrix of the memory, q x q.
     #[serde(serialize_with = "crate::rows::serialize")]
     pub memory: DMatrix<f64>,
-    /// q x n.
+    /// Input matrix of the memory, q x n.
     #[serde(serialize_with = "crate::rows::serialize")]
     pub memory_input: DMatrix<f64>,
 }
@@ -36,7 +37,7 @@ impl LinearLaw {
         m
     }
 
-    /// The closed loop as it runs, in the states `[x; u; w]`: plant, command in force, memory of the law.
+    /// The closed loop with its delay, in the states `[x; u; w]`: plant, command in force, memory of the law.
     pub fn closed_loop(&self, plant: &SampledPlant) -> DMatrix<f64> {
         let (n, m, q) = (plant.size(), plant.input_count(), self.memory.nrows());
         let mut predict = DMatrix::zeros(n, n + m + q);
@@ -53,12 +54,13 @@ impl LinearLaw {
         loop_
     }
 
-    /// The loop opened where the commands enter the plant; the law goes on predicting with its own commands, and remembers
-    /// those.
+    /// Return ratio of the loop opened where the commands enter the plant; the law continues to predict with
+    /// its own commands, and stores those.
     pub fn return_ratio(&self, plant: &SampledPlant) -> ReturnRatio {
         let (n, m, q) = (plant.size(), plant.input_count(), self.memory.nrows());
         let (own, known) = (plant.own_count(), plant.size() - plant.own_count());
-        // States: those of the plant, u that acts, what the law knows of its commands, u that it believes in, w.
+        // States: those of the plant, the acting u, the past commands known to the law, the u that it
+        // assumes, w.
         let believed = n + m + known;
         let size = believed + m + q;
         let (phi, gamma) = (plant.transition(), plant.drive());

@@ -1,13 +1,13 @@
-//! From a plant and options to a law, with what can be said about the loop it closes.
+//! Design of a law for a plant, with the figures of its closed loop.
 //!
-//! All laws are designed for the sampled plant and for a loop in which the command computed from `x_k` acts over
-//! `[t_k+1, t_k+2)`. They feed back the exact prediction `x_k+1 = phi x_k + gamma u_k` (u_k is the command in
-//! force), so that the delay does not move the poles of the undelayed design; it adds one pole at the origin per
-//! input. Poles and margins reported are those of the delayed loop.
+//! All laws are designed for the sampled plant and for a loop in which the command computed from `x_k` acts
+//! over `[t_k+1, t_k+2)`. They feed back the exact prediction `x_k+1 = phi x_k + gamma u_k` (u_k is the
+//! command in force), so that the delay does not move the poles of the undelayed design; it adds one pole at
+//! the origin per input. Reported poles and margins are those of the delayed loop.
 //!
-//! A plant whose inputs are late by more ([`SampledPlant::delays_s`]) has past commands as states, and the laws feed back
-//! these as well: the regulator by its equation, pole placement by a prediction for each input as far as it is late, sliding
-//! mode by one for all inputs as far as the latest reaches.
+//! A plant with longer input delays ([`SampledPlant::delays_s`]) has past commands as states, and the laws
+//! feed back these as well: the regulator by its equation, pole placement by a prediction over each input's
+//! own delay, sliding mode by one prediction over the longest delay.
 
 mod ahead;
 mod controllability;
@@ -39,23 +39,23 @@ use crate::margins::{LoopMargins, MultivariableMargins, ReturnRatio};
 use crate::options::{AntiWindup, LawOptions};
 use crate::sampled_plant::SampledPlant;
 
-/// A designed law and the figures of its loop.
+/// A designed law with the figures of its loop.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Design {
-    /// `whirlstand.design.v1`.
+    /// Schema identifier, `whirlstand.design.v1`.
     pub schema: &'static str,
-    /// `lqr`, `ppc` or `smc`.
+    /// Kind of law: `lqr`, `ppc` or `smc`.
     pub law: &'static str,
-    /// What it was designed for.
+    /// The plant of the design.
     pub plant: SampledPlant,
-    /// The options it was designed with.
+    /// The options of the design.
     pub options: LawOptions,
     /// Indices of the states whose error is integrated.
     pub integral: Vec<usize>,
     /// The feedback; for sliding mode, the linear law within the boundary layer.
     pub linear: LinearLaw,
-    /// The integrals' gain inverted on what it reaches, q x m: from what the limits cut off an input to the integrals
-    /// that would not have asked for it.
+    /// Back-calculation matrix, q x m: pseudo-inverse of the integrals' gain, from the part of the demand
+    /// beyond the limits to the change of the integrals that removes it.
     #[serde(skip)]
     pub integral_tracking: DMatrix<f64>,
     /// The sliding surface and its reaching law, for sliding mode only.
@@ -70,33 +70,33 @@ pub struct Design {
     pub loop_margins: Vec<LoopMargins>,
     /// Margins at all inputs at once.
     pub multivariable_margins: MultivariableMargins,
-    /// What integrators do at the limits.
+    /// Behaviour of integrators at the limits.
     pub anti_windup: AntiWindup,
-    /// The loop with its filter; absent until it is asked for ([`EstimatedLoop::new`]).
+    /// Figures of the loop with its filter; absent until requested ([`EstimatedLoop::new`]).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub with_estimator: Option<LoopFigures>,
-    /// What the vehicle has and the law cannot use.
+    /// Effects of the vehicle that the design does not contain.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<LeftOut>,
 }
 
-/// An effect of the vehicle that the design does not hold.
+/// An effect of the vehicle that the design does not contain.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
-    /// The effect.
+    /// Name of the effect.
     pub effect: String,
-    /// Its place.
+    /// Place of the effect.
     #[serde(rename = "where")]
     pub place: String,
-    /// Why, in a sentence.
+    /// Reason, as a sentence.
     pub why: String,
 }
 
 impl Design {
-    /// Designs the law that `options` ask for.
+    /// Designs the law given by `options`.
     ///
     /// # Errors
-    /// [`DesignError`] names the option, the state or the pole that stands in the way.
+    /// [`DesignError`], which names the option, the state or the pole that prevents the design.
     pub fn new(plant: &SampledPlant, options: &LawOptions) -> Result<Self, DesignError> {
         let (integral, linear, sliding, reduced, anti_windup) = match options {
             LawOptions::Lqr(o) => {
@@ -150,14 +150,14 @@ impl Design {
         })
     }
 
-    /// The return ratio that the margins are taken from.
+    /// The return ratio from which the margins are computed.
     pub fn return_ratio(&self) -> ReturnRatio {
         self.linear.return_ratio(&self.plant)
     }
 }
 
-/// Poles of the loop as it runs. Those of late inputs lie at the origin and come from no iteration: eigenvalues of a long
-/// register move by the root of rounding that its length takes.
+/// Poles of the delayed loop. Those of input delays are set to the origin and not computed: eigenvalues of a
+/// register of length n have an error of the n-th root of rounding.
 fn closed_loop_poles(
     plant: &SampledPlant,
     linear: &LinearLaw,
@@ -171,8 +171,8 @@ fn closed_loop_poles(
     Ok(poles)
 }
 
-/// The loop without delay in states measured by their scales, integrals by those over one second, and the memory
-/// of super-twisting by the authority of its input.
+/// The loop without delay, with states divided by their scales, integrals by those over one second, and the
+/// state of super-twisting by the authority of its input.
 fn scaled(plant: &SampledPlant, integral: &[usize], mut loop_: DMatrix<f64>) -> DMatrix<f64> {
     let integrals = integral.iter().map(|&i| plant.scales()[i]);
     let twisting = plant.inputs().iter().map(|i| i.authority());
@@ -189,7 +189,8 @@ fn scaled(plant: &SampledPlant, integral: &[usize], mut loop_: DMatrix<f64>) -> 
 fn eigenvector_condition(a: &DMatrix<f64>) -> Result<f64, DesignError> {
     let schur = Schur::new(&complex(a))?;
     let n = a.nrows();
-    // Eigenvectors of the triangular factor by back substitution; unitary factors change no condition.
+    // Eigenvectors of the triangular factor by back substitution; unitary factors do not change the
+    // condition.
     let mut v = DMatrix::zeros(n, n);
     for k in 0..n {
         let lambda = schur.s[(k, k)];

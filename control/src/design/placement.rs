@@ -1,4 +1,4 @@
-//! Pole placement.
+//! Design by pole placement.
 
 use nalgebra::DMatrix;
 
@@ -10,7 +10,7 @@ use crate::options::PpcOptions;
 use crate::place::place;
 use crate::sampled_plant::SampledPlant;
 
-/// Robust pole placement.
+/// Designs a law by robust pole placement.
 pub fn ppc(
     plant: &SampledPlant,
     o: &PpcOptions,
@@ -25,7 +25,7 @@ pub fn ppc(
                 return Err(DesignError::Conflict { first: "poles", second });
             }
             let mut poles: Vec<_> = list.iter().map(|p| pole(*p, plant.period_s())).collect();
-            // Lags and modes that are not placed stay where they are.
+            // Lags and modes without a given pole keep their poles.
             if poles.len() == plant.own_count() + integral.len() {
                 poles.extend(resolve::actuator_poles(plant)?.iter().map(|p| (p * plant.period_s()).exp()));
             }
@@ -38,7 +38,7 @@ pub fn ppc(
             poles.iter().map(|p| (p * plant.period_s()).exp()).collect()
         }
     };
-    // Eigenvectors are as orthogonal as their units: radians and metres are made comparable first.
+    // Orthogonality of eigenvectors depends on units: radians and metres are made comparable first.
     let (state, input) = scaling(plant, integral);
     let scaled_phi = DMatrix::from_fn(phi.nrows(), phi.ncols(), |i, j| phi[(i, j)] * state[j] / state[i]);
     let scaled_gamma = DMatrix::from_fn(phi.nrows(), input.len(), |i, j| gamma[(i, j)] * input[j] / state[i]);

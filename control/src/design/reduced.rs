@@ -1,4 +1,4 @@
-//! The plant as a design sees it: with integrals, and with late inputs as far ahead as they reach.
+//! The plant of a design: with integrals, and with a prediction over the input delays.
 
 use nalgebra::DMatrix;
 
@@ -7,18 +7,18 @@ use super::linear_law::LinearLaw;
 use crate::sampled_model::SampledModel;
 use crate::sampled_plant::SampledPlant;
 
-/// A closed loop on the state that a late input can still change.
+/// A closed loop on the state that delayed inputs can still change.
 pub struct ReducedLoop {
-    /// Its transition.
+    /// Transition matrix.
     pub matrix: DMatrix<f64>,
-    /// Sizes of its states.
+    /// Scales of the states.
     pub scales: Vec<f64>,
-    /// How many of its states are past commands.
+    /// Number of states that are past commands.
     pub registers: usize,
 }
 
 impl ReducedLoop {
-    /// The transition in states measured by their sizes.
+    /// The transition matrix in states divided by their scales.
     pub fn scaled(&self) -> DMatrix<f64> {
         let s = &self.scales;
         DMatrix::from_fn(s.len(), s.len(), |i, j| self.matrix[(i, j)] * s[j] / s[i])
@@ -30,7 +30,7 @@ pub fn with_integrals(plant: &SampledPlant, integral: &[usize]) -> (DMatrix<f64>
     with_integrals_of(plant.phi(), plant.gamma(), plant.period_s(), integral)
 }
 
-/// The same for any sampled plant.
+/// The plant with integrals, for any sampled plant.
 pub fn with_integrals_of(
     transition: &DMatrix<f64>,
     drive: &DMatrix<f64>,
@@ -48,28 +48,29 @@ pub fn with_integrals_of(
     (phi, gamma)
 }
 
-/// The plant that pole placement and sliding mode are designed for: without delay, its state ahead of that of the vehicle.
+/// The plant of pole placement and sliding mode: without delay, with the predicted state in place of the
+/// vehicle's.
 pub struct Reduced {
-    /// Its transition.
+    /// Transition matrix.
     pub phi: DMatrix<f64>,
-    /// Its input matrix.
+    /// Input matrix.
     pub gamma: DMatrix<f64>,
     ahead: Ahead,
 }
 
-/// How far ahead of the vehicle the state is that is fed back.
+/// Prediction of the state that is fed back.
 enum Ahead {
-    /// No input is late.
+    /// No input is delayed.
     Nothing,
-    /// As far as the latest input reaches, for all of them: `p = map [s; integrals]` ([`to_the_latest`]).
+    /// Over the longest delay, for all inputs: `p = map [s; integrals]` ([`to_the_latest`]).
     Latest(DMatrix<f64>),
-    /// For each input as far as it is late.
+    /// Over each input's own delay.
     Each(Lookahead),
 }
 
 impl Reduced {
-    /// The plant with integrals, for a law that is not linear: all inputs look as far ahead as the latest reaches, over commands
-    /// that are known, whatever the law will ask for.
+    /// The plant with integrals, for a nonlinear law: prediction over the longest delay for all inputs, from
+    /// known commands, for any future demand of the law.
     pub fn to_the_latest(plant: &SampledPlant, integral: &[usize]) -> Self {
         Self::new(plant, integral, |model, phi| {
             let (map, gamma) = to_the_latest(model, phi, integral.len());
@@ -77,7 +78,7 @@ impl Reduced {
         })
     }
 
-    /// The plant with integrals, for a linear law: each input looks as far ahead as it is late.
+    /// The plant with integrals, for a linear law: prediction over each input's own delay.
     pub fn of_each(plant: &SampledPlant, integral: &[usize]) -> Self {
         Self::new(plant, integral, |model, phi| {
             let ahead = Lookahead::new(model, plant.delays_s(), plant.period_s(), phi, integral.len());
@@ -98,7 +99,7 @@ impl Reduced {
         Self { phi, gamma, ahead }
     }
 
-    /// The loop that a feedback on the reduced state closes, with further states of the law behind it.
+    /// The loop closed by a feedback on the reduced state, followed by further states of the law.
     pub fn closed(
         &self,
         plant: &SampledPlant,
@@ -115,7 +116,7 @@ impl Reduced {
         })
     }
 
-    /// A feedback on the reduced state as one on the states and integrals.
+    /// Converts a feedback on the reduced state to one on the states and integrals.
     pub fn whole(&self, feedback: &DMatrix<f64>) -> DMatrix<f64> {
         match &self.ahead {
             Ahead::Nothing => feedback.clone(),
@@ -125,14 +126,14 @@ impl Reduced {
     }
 }
 
-/// What the integrals take of the states.
+/// Input matrix of the integrals from the states.
 pub fn integral_input(plant: &SampledPlant, integral: &[usize]) -> DMatrix<f64> {
     let mut g = DMatrix::zeros(integral.len(), plant.size());
     integral.iter().enumerate().for_each(|(row, &i)| g[(row, i)] = plant.period_s());
     g
 }
 
-/// Splits a gain on the states and their integrals.
+/// Splits a gain on the states and integrals into its two parts.
 pub fn split(plant: &SampledPlant, integral: &[usize], gain: &DMatrix<f64>) -> LinearLaw {
     let (n, q) = (plant.size(), integral.len());
     LinearLaw {
@@ -143,7 +144,7 @@ pub fn split(plant: &SampledPlant, integral: &[usize], gain: &DMatrix<f64>) -> L
     }
 }
 
-/// Sizes of the states with their integrals (over one second), and of the inputs.
+/// Scales of the states with their integrals (over one second), and of the inputs.
 pub fn scaling(plant: &SampledPlant, integral: &[usize]) -> (Vec<f64>, Vec<f64>) {
     let mut state = plant.scales().to_vec();
     state.extend(integral.iter().map(|&i| plant.scales()[i]));

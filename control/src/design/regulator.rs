@@ -1,4 +1,4 @@
-//! The linear-quadratic regulator, of prompt and of late inputs.
+//! Linear-quadratic regulator, with and without input delays.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::split_time;
@@ -19,7 +19,7 @@ pub struct LqrWeights {
     pub integral_q: Vec<f64>,
 }
 
-/// The weights that the options say, with the defaults.
+/// The weights of the options, with the defaults.
 pub fn weights(plant: &SampledPlant, o: &LqrOptions, integral: &[usize]) -> Result<LqrWeights, DesignError> {
     let q = resolve::weights("q", o.q.as_ref(), plant.own_names(), resolve::bryson(plant, 0.01), true)?;
     let authority = plant.inputs().iter().map(|i| 1.0 / (i.authority() * i.authority())).collect();
@@ -45,7 +45,7 @@ pub fn lqr(
 ) -> Result<(LinearLaw, Option<ReducedLoop>), DesignError> {
     let (n, m, dt) = (plant.state_count(), plant.input_count(), plant.period_s());
     let LqrWeights { mut q, r, integral_q } = weights(plant, o, integral)?;
-    // What moves an actuator is weighed by R already.
+    // Actuator states have no weight, as R weights their inputs.
     q.resize(n, 0.0);
     let diagonal = |v: &[f64]| DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(v));
     if let Some(model) = plant.delayed() {
@@ -66,19 +66,20 @@ pub fn lqr(
     Ok((split(plant, integral, &solution.gain), None))
 }
 
-/// Weights of a regulator: of the continuous states, of the inputs over a period, and of the integrals.
+/// Weights of the regulator: of the continuous states, of the inputs over a period, and of the integrals.
 struct Regulator<'a> {
     q: DMatrix<f64>,
     r: DMatrix<f64>,
     integral_q: &'a [f64],
 }
 
-/// Most states of the equation that is solved: what one input is later than another counts, not what all are late.
+/// Largest number of states of the Riccati equation: differences between input delays count, not their common
+/// part.
 const MOST_STATES: usize = 120;
 
-/// The regulator of a plant with late inputs. Nothing that is commanded now changes what the states do before the first
-/// input reaches them, so the equation is that of the plant with so much less delay on every input, and its gain acts
-/// on the prediction over it.
+/// Regulator of a plant with delayed inputs. No command of the present changes the states before the shortest
+/// delay is over, so the equation is that of the plant with all delays reduced by it, and its gain acts on
+/// the prediction over it.
 fn delayed_regulator(
     plant: &SampledPlant,
     model: &SampledModel,
@@ -102,7 +103,8 @@ fn delayed_regulator(
     sd.view_mut((0, 0), (known, m)).copy_from(&cost.view((0, known), (known, m)));
     let rd = cost.view((known, known), (m, m)) + &problem.r;
     let solution = dare(&phi, &gamma, &qd, &rd, Some(&sd))?;
-    // From the states of now to those after the common delay: integrals and motion go on, later commands are not known.
+    // From the present states to those after the common delay: integrals and motion propagate, later commands
+    // are unknown.
     let (whole_phi, _) = with_integrals_of(&model.f, &model.g, dt, integral);
     let mut ahead = DMatrix::<f64>::identity(model.f.nrows() + q, model.f.nrows() + q);
     (0..common).for_each(|_| ahead = &whole_phi * &ahead);

@@ -1,15 +1,15 @@
-//! Poles as a designer reads them.
+//! Poles in the form used in reports.
 
 use serde::Serialize;
 use whirlstand_linalg::C64;
 
-/// Part of a pole's power, over the registers of a loop, that rounding may leave.
+/// Relative rounding error of a pole's power over the registers of a loop.
 const ROUNDING: f64 = 1e-10;
 
 /// One pole, discrete and continuous.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Pole {
-    /// In the z plane, `[re, im]`.
+    /// Position in the z plane, `[re, im]`.
     pub discrete: [f64; 2],
     /// The continuous pole s with `z = exp(s T)`, `[re, im]` in 1/s; absent at the origin of the z plane.
     pub continuous: Option<[f64; 2]>,
@@ -20,14 +20,14 @@ pub struct Pole {
 }
 
 impl Pole {
-    /// From the z plane, sampled every `period_s`.
+    /// A pole in the z plane, sampled every `period_s`.
     pub fn discrete(z: C64, period_s: f64) -> Self {
-        // What lies this close to the origin is a pure delay, blurred by rounding.
+        // A pole this close to the origin is a pure delay, up to rounding.
         let s = (z.norm() > 1e-6).then(|| z.ln() / period_s);
         Self::both(z, s)
     }
 
-    /// From the s plane, to be sampled every `period_s`.
+    /// A pole in the s plane, sampled every `period_s`.
     pub fn continuous(s: C64, period_s: f64) -> Self {
         Self::both((s * period_s).exp(), Some(s))
     }
@@ -47,7 +47,7 @@ pub fn pole(s: [f64; 2], period_s: f64) -> C64 {
     (C64::new(s[0], s[1]) * period_s).exp()
 }
 
-/// Poles that cannot be told from those of a register of that length become those.
+/// Replaces poles that rounding cannot distinguish from those of a register of that length by the latter.
 pub fn round_delays(poles: &mut [C64], registers: usize) {
     if registers > 0 {
         let blurred = ROUNDING.powf(1.0 / registers as f64);

@@ -1,4 +1,4 @@
-//! Options turned into numbers: names to indices, defaults from the plant.
+//! Resolves options to numbers: names to indices, defaults from the plant.
 
 use whirlstand_linalg::{C64, eigenvalues};
 
@@ -7,7 +7,7 @@ use crate::options::{Selector, Weights};
 use crate::place::uncontrollability;
 use crate::sampled_plant::SampledPlant;
 
-/// Index of a state.
+/// Index of the selected state.
 fn state(plant: &SampledPlant, option: &'static str, selector: &Selector) -> Result<usize, DesignError> {
     index(option, selector, plant.own_names())
 }
@@ -42,7 +42,7 @@ pub fn integral(plant: &SampledPlant, selectors: &[Selector]) -> Result<Vec<usiz
     Ok(indices)
 }
 
-/// One number per name, from `weights` where it says so and from `defaults` elsewhere.
+/// One weight per name, from `weights` where given, else from `defaults`.
 pub fn weights(
     option: &'static str,
     weights: Option<&Weights>,
@@ -71,7 +71,7 @@ pub fn weights(
     }
 }
 
-/// A number that has to be positive.
+/// A number that must be positive.
 pub fn positive(option: &'static str, value: Option<f64>, default: f64) -> Result<f64, DesignError> {
     match value {
         None => Ok(default),
@@ -80,8 +80,8 @@ pub fn positive(option: &'static str, value: Option<f64>, default: f64) -> Resul
     }
 }
 
-/// Bryson's weight of each state, times `rates` for a rate or speed whose integral is a state too: damping comes
-/// with the integral's weight, and more of it only slows the response.
+/// Bryson's weight of each state, times `rates` for a rate or speed whose integral is a state too: the
+/// integral's weight provides damping, and more of it only slows the response.
 pub fn bryson(plant: &SampledPlant, rates: f64) -> Vec<f64> {
     let mut weights: Vec<f64> = plant.scales()[..plant.own_count()].iter().map(|s| 1.0 / (s * s)).collect();
     for (rate, _) in plant.kinematic_rows().into_iter().flatten() {
@@ -90,9 +90,10 @@ pub fn bryson(plant: &SampledPlant, rates: f64) -> Vec<f64> {
     weights
 }
 
-/// Natural frequency that a loop around this plant is given: twice the geometric mean of those of its own modes
-/// that move, within what the period can follow, and one over the longest delay, above which no loop crosses over
-/// (Skogestad and Postlethwaite, "Multivariable Feedback Control", 2nd edition 2005, section 5.7); rad/s.
+/// Default natural frequency of a loop around this plant: twice the geometric mean of those of its
+/// modes away from the origin, within what the period allows, and at most one over the longest delay,
+/// above which no loop crosses over (Skogestad and Postlethwaite, "Multivariable Feedback Control", 2nd
+/// edition 2005, section 5.7); rad/s.
 pub fn bandwidth(plant: &SampledPlant) -> Result<f64, DesignError> {
     let modes: Vec<f64> = eigenvalues(&plant.own_a())?.iter().map(|p| p.norm()).collect();
     let fastest = modes.iter().copied().fold(0.0, f64::max);
@@ -109,7 +110,7 @@ pub fn bandwidth(plant: &SampledPlant) -> Result<f64, DesignError> {
     Ok((2.0 * mean.exp()).min(top))
 }
 
-/// Poles of lags and modes on the inputs, continuous.
+/// Poles of lags and modes on the inputs, in the s plane.
 pub fn actuator_poles(plant: &SampledPlant) -> Result<Vec<C64>, DesignError> {
     let (own, count) = (plant.own_count(), plant.state_count() - plant.own_count());
     match count {
@@ -118,10 +119,10 @@ pub fn actuator_poles(plant: &SampledPlant) -> Result<Vec<C64>, DesignError> {
     }
 }
 
-/// The plant's own poles made faster and damped: a pole slower than `bandwidth` moves half the way to it on a
-/// logarithmic scale, one at the origin to a quarter of it, as an outer loop around the others; damping becomes at
-/// least `damping`. A mode that no input moves stays as it is. `extra` poles as slow as those of the outer loop serve
-/// integrators. All lie apart; continuous.
+/// The plant's own poles made faster and damped, in the s plane: a pole slower than `bandwidth` moves half
+/// the way to it on a logarithmic scale, one at the origin to a quarter of it, as an outer loop around the
+/// others; damping becomes at least `damping`. An uncontrollable mode is unchanged. `extra` poles as slow as
+/// those of the outer loop are added for integrators. All poles are distinct.
 pub fn default_poles(
     plant: &SampledPlant,
     bandwidth: f64,
@@ -129,7 +130,7 @@ pub fn default_poles(
     extra: usize,
 ) -> Result<Vec<C64>, DesignError> {
     let modes = uncontrollability(&plant.own_a(), &plant.own_b())?;
-    // First those that stay, for the others to keep clear of.
+    // Fixed poles first, so that the others can be placed apart from them.
     let stays = |distance: f64| distance < 1e-12;
     let mut poles: Vec<C64> = modes.iter().filter(|m| stays(m.1)).map(|m| m.0).collect();
     poles.extend(actuator_poles(plant)?);

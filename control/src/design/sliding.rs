@@ -1,4 +1,4 @@
-//! Sliding mode: the surface, the reaching law, and the linear law within its layer.
+//! Design of sliding mode: the surface, the reaching law, and the linear law within the boundary layer.
 
 use nalgebra::DMatrix;
 
@@ -11,7 +11,7 @@ use crate::options::SmcOptions;
 use crate::sampled_plant::SampledPlant;
 use crate::smc::{Shaping, Surface};
 
-/// What shapes the sliding surface: the poles on it, or the cost along it.
+/// Shaping of the sliding surface: by its poles or by a cost.
 fn shaping(plant: &SampledPlant, o: &SmcOptions, integral: &[usize]) -> Result<Shaping, DesignError> {
     let (n, m, dt) = (plant.state_count(), plant.input_count(), plant.period_s());
     match (&o.poles, &o.q) {
@@ -26,7 +26,7 @@ fn shaping(plant: &SampledPlant, o: &SmcOptions, integral: &[usize]) -> Result<S
         (None, q) => {
             let mut q =
                 resolve::weights("q", q.as_ref(), plant.own_names(), resolve::bryson(plant, 0.1), true)?;
-            // The surface is shaped by what the inputs move first, which are the actuators.
+            // The surface is shaped by the states that the inputs move first, which are the actuators.
             q.extend(plant.scales()[plant.own_count()..].iter().map(|s| 1.0 / (s * s)));
             let extra: Vec<f64> = integral.iter().map(|&i| 0.25 * q[i]).collect();
             q.extend(extra);
@@ -35,14 +35,15 @@ fn shaping(plant: &SampledPlant, o: &SmcOptions, integral: &[usize]) -> Result<S
     }
 }
 
-/// How the surface is reached: switching gain and boundary layer of each input, and the rate of the exponential part, 1/s.
+/// Parameters of the reaching law: switching gain and boundary layer of each input, and the rate of the
+/// exponential part, 1/s.
 pub struct Switched {
     pub gain: Vec<f64>,
     pub layer: Vec<f64>,
     pub rate: f64,
 }
 
-/// What the options say of it, with the defaults.
+/// The parameters from the options, with the defaults.
 pub fn switched(plant: &SampledPlant, o: &SmcOptions) -> Result<Switched, DesignError> {
     let bandwidth = resolve::bandwidth(plant)?;
     let rate = resolve::positive("reaching_rate", o.reaching_rate, bandwidth)?;
@@ -55,7 +56,7 @@ pub fn switched(plant: &SampledPlant, o: &SmcOptions) -> Result<Switched, Design
     Ok(Switched { gain, layer, rate })
 }
 
-/// Sliding mode with a surface by least cost or by poles.
+/// Designs sliding mode with a surface by minimum cost or by poles.
 pub fn smc(
     plant: &SampledPlant,
     o: &SmcOptions,
@@ -87,7 +88,7 @@ pub fn smc(
     Ok((law, sliding, reduced))
 }
 
-/// The loop within the boundary layer on the reduced state, and the memory of super-twisting behind it.
+/// The loop within the boundary layer on the reduced state, followed by the state of super-twisting.
 fn sliding_loop(
     plant: &SampledPlant,
     integral: &[usize],
@@ -119,14 +120,14 @@ fn sliding_loop(
     Some(closed)
 }
 
-/// How the surface is reached, one value an input.
+/// Parameters of the reaching law, one value per input.
 struct Reaching<'a> {
     gain: &'a [f64],
     layer: &'a [f64],
     rate: f64,
 }
 
-/// Second order: the law, its switching, and why the surface is reached.
+/// Second-order sliding: the law, its switching, and the reaching condition as text.
 fn super_twisting(
     plant: &SampledPlant,
     integral: &[usize],
@@ -162,7 +163,7 @@ fn super_twisting(
     ))
 }
 
-/// First order with a boundary layer: the law, its switching, and why the surface is reached.
+/// First-order sliding with a boundary layer: the law, its switching, and the reaching condition as text.
 fn constant_plus_proportional(
     plant: &SampledPlant,
     integral: &[usize],
@@ -195,7 +196,7 @@ fn constant_plus_proportional(
     ))
 }
 
-/// The super-twisting law within its layer: one more memory per surface, which the surface drives.
+/// The super-twisting law within its layer: one additional state per surface, driven by the surface.
 fn twisting_law(
     plant: &SampledPlant,
     integral: &[usize],

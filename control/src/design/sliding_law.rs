@@ -1,9 +1,9 @@
-//! The surface of sliding mode and how it is reached and held.
+//! The sliding surface with its reaching law.
 
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// How the surface is reached and held.
+/// Reaching law of the surface.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Switching {
@@ -18,29 +18,31 @@ pub enum Switching {
     },
     /// `s+ = s - T k1 s / sqrt(max(|s|, layer)) + T v`, `v+ = v - T k2 sat(s / layer)` (Levant 1993, with a layer).
     SuperTwisting {
-        /// k1, per surface.
+        /// Gain k1, one per surface.
         k1: Vec<f64>,
-        /// k2, per surface.
+        /// Gain k2, one per surface.
         k2: Vec<f64>,
         /// Half-width of the boundary layer, input units times s.
         layer: Vec<f64>,
     },
 }
 
-/// The surface `s = surface [p; w]`, p the predicted state and w the integrals of the error, and its law.
+/// The surface `s = surface [p; w]`, with the predicted state p and the integrals w of the error, and its
+/// law.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SlidingLaw {
-    /// m x (n + integrals), scaled so that an input moves its surface as it would an integrator.
+    /// Surface matrix, m x (n + integrals), scaled so that the surface responds to its input like an
+    /// integrator.
     #[serde(serialize_with = "crate::rows::serialize")]
     pub surface: DMatrix<f64>,
-    /// Equivalent control, m x (n + integrals).
+    /// Gain of the equivalent control, m x (n + integrals).
     #[serde(serialize_with = "crate::rows::serialize")]
     pub equivalent: DMatrix<f64>,
     /// Poles of the motion on the surface, discrete, `[re, im]`.
     pub surface_poles: Vec<[f64; 2]>,
-    /// Reaching and holding.
+    /// Reaching law.
     pub switching: Switching,
-    /// The reaching condition, in words and figures.
+    /// The reaching condition, as text with figures.
     pub reaching: String,
     /// Largest matched disturbance, in input units, against which the layer is reached and held; per input.
     pub matched_disturbance: Vec<f64>,

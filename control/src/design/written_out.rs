@@ -1,15 +1,16 @@
-//! Options with their defaults written out, for whoever turns them.
+//! Options with explicit default values, for callers that change them.
 
 use super::{DesignError, regulator, resolve, sliding};
 use crate::options::{LawOptions, LqrOptions, PpcOptions, SmcOptions, Weights};
 use crate::sampled_plant::SampledPlant;
 
 impl LawOptions {
-    /// The same law with the defaults that its plant gives written out: `q`, `r` and `integral_q` of the regulator, the
-    /// `bandwidth` of pole placement (not where `poles` are given), the `boundary_layer` of sliding mode.
+    /// The same options with the defaults that the plant gives made explicit: `q`, `r` and `integral_q` of
+    /// the regulator, the `bandwidth` of pole placement (not where `poles` are given), the `boundary_layer`
+    /// of sliding mode.
     ///
     /// # Errors
-    /// [`DesignError`] names the option that does not fit the plant.
+    /// [`DesignError`], which names the option that does not fit the plant.
     pub fn resolved(&self, plant: &SampledPlant) -> Result<Self, DesignError> {
         Ok(match self {
             Self::Lqr(o) => {

@@ -1,23 +1,23 @@
-//! From the commands in force to what acts: trim and static effects of the inputs, which a filter takes as the vehicle file
-//! tells them.
+//! Conversion of the commands in force to the acting inputs: trim and static effects, as a filter takes them
+//! from the vehicle file.
 
 use whirlstand_vehicle::{Backlash, InputEffects, RateLimit, dead_zone};
 
 use crate::actuation::drifted;
 
-/// One input.
+/// Effects on one input, with their state.
 #[derive(Debug, Clone)]
 pub struct Acting {
     trim: f64,
     effects: InputEffects,
-    /// What the gain drifts by in a period.
+    /// Relative drift of the gain per period.
     drift: f64,
     rate: Option<RateLimit>,
     play: Option<Backlash>,
 }
 
 impl Acting {
-    /// At rest under a neutral command.
+    /// The initial state under a neutral command.
     pub fn new(effects: InputEffects, trim: f64, period_s: f64) -> Self {
         let rest = dead_zone(-trim, effects.dead_zone).max(effects.lower).min(effects.upper);
         Self {
@@ -29,8 +29,8 @@ impl Acting {
         }
     }
 
-    /// What acts over the period that begins with step `step` of the run, in commands counted from the trim. To be asked for
-    /// once for every period, in their order.
+    /// Input acting over the period that begins with step `step` of the run, in commands counted from the
+    /// trim. To be called once for every period, in order.
     pub fn next(&mut self, u: f64, step: u64) -> f64 {
         let e = &self.effects;
         let mut acting = u * drifted(self.drift, step) - self.trim;

@@ -1,4 +1,4 @@
-//! One step of the covariance: prediction, then measurements one at a time in Joseph's form.
+//! One step of the covariance: prediction, then one measurement at a time in Joseph's form.
 
 use nalgebra::DMatrix;
 
@@ -6,23 +6,23 @@ use super::filter_model::FilterModel;
 use super::flow::Flow;
 use crate::kernel::{Block, Packed, add_scaled, blocks, dot};
 
-/// What the estimate needs of a step: gain, whitening of the innovations, standard deviations, covariance.
+/// Results of a covariance step: gain, whitening of the innovations, standard deviations, covariance.
 #[derive(Debug, Clone)]
 pub struct Gains {
-    /// The measurements that these gains are for.
+    /// Bit mask of the measurements that these gains use.
     pub mask: u64,
-    /// States x outputs.
+    /// Kalman gain, states x outputs.
     pub gain: Packed,
-    /// Outputs x outputs: innovations to independent ones of unit variance.
+    /// Whitening matrix, outputs x outputs: from innovations to independent ones of unit variance.
     pub whitening: Packed,
-    /// Of the states, after the measurements.
+    /// Standard deviations of the states after the measurements.
     pub std: Vec<f64>,
-    /// After the measurements.
+    /// Covariance after the measurements.
     pub p: Packed,
 }
 
 impl Gains {
-    /// Gains that do nothing, with the covariance `p`.
+    /// Zero gains, with the covariance `p`.
     pub fn none(p: &DMatrix<f64>, outputs: usize) -> Self {
         Self {
             mask: 0,
@@ -34,28 +34,28 @@ impl Gains {
     }
 }
 
-/// The covariance of the estimate and the model that moves it.
+/// Covariance of the estimate with its model.
 #[derive(Debug, Clone)]
 pub struct Covariance {
     n: usize,
     outputs: usize,
     f: Packed,
-    /// Columns are the rows of F.
+    /// Rows of F, stored as columns.
     f_rows: Packed,
     q: Packed,
-    /// Columns are the rows of H.
+    /// Rows of H, stored as columns.
     h_rows: Packed,
     variance: Vec<f64>,
     p: Packed,
     product: Packed,
-    /// P h, the gain of one measurement, and what Joseph's form corrects.
+    /// P h, the gain of one measurement, and the correction of Joseph's form.
     v: Vec<Block>,
     k: Vec<Block>,
     w: Vec<Block>,
 }
 
 impl Covariance {
-    /// Begins with the covariance `p` of the model's states.
+    /// Starts with the covariance `p` of the model's states.
     pub fn new(model: &FilterModel, p: &DMatrix<f64>) -> Self {
         let n = p.nrows();
         let column = || vec![[0.0; 4]; blocks(n)];
@@ -75,22 +75,22 @@ impl Covariance {
         }
     }
 
-    /// As it is now.
+    /// The current covariance.
     pub fn p(&self) -> &Packed {
         &self.p
     }
 
-    /// Sets it.
+    /// Sets the covariance.
     pub fn set(&mut self, p: &Packed) {
         self.p.copy_from(p);
     }
 
-    /// Goes on to the end of the map.
+    /// Propagates the covariance to the end of the map.
     pub fn flow_on(&mut self, flow: &mut Flow) {
         flow.apply(&mut self.p);
     }
 
-    /// Largest change of an entry since `before`, in units of the two standard deviations it belongs to.
+    /// Largest change of an entry since `before`, relative to its two standard deviations.
     pub fn change_from(&self, before: &Packed) -> f64 {
         let mut largest: f64 = 0.0;
         for j in 0..self.n {
@@ -105,7 +105,7 @@ impl Covariance {
         largest
     }
 
-    /// P becomes F P F' + Q.
+    /// Predicts the covariance: P becomes F P F' + Q.
     pub fn predict(&mut self) {
         self.product.clear();
         self.product.add_product(&self.f, &self.p, self.n);
@@ -113,7 +113,7 @@ impl Covariance {
         self.p.add_product(&self.product, &self.f_rows, self.n);
     }
 
-    /// Takes in the measurements of `mask`, and says with what gains.
+    /// Updates the covariance by the measurements of `mask`, and computes the gains.
     pub fn update(&mut self, mask: u64, gains: &mut Gains) {
         let n = self.n;
         gains.mask = mask;
@@ -128,7 +128,7 @@ impl Covariance {
             let (inverse, root) = (1.0 / s, 1.0 / s.sqrt());
             self.k.fill([0.0; 4]);
             add_scaled(&mut self.k, &self.v, inverse);
-            // The innovation left after the measurements before: row i of (I - H K).
+            // The innovation after the previous measurements: row i of (I - H K).
             for j in (0..=i).filter(|j| mask >> j & 1 == 1) {
                 let own = if i == j { 1.0 } else { 0.0 };
                 let left = own - dot(h, gains.gain.column(j));

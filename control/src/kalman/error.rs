@@ -1,28 +1,28 @@
-//! Why an estimator cannot be made.
+//! Errors of an estimator's design.
 
 use thiserror::Error;
 use whirlstand_vehicle::DiscretiseError;
 
-/// Why an estimator cannot be made.
+/// Reason why an estimator cannot be designed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum EstimatorError {
-    /// Sensors that do not fit the plant.
+    /// The sensors do not match the plant.
     #[error("the sensors do not fit the plant: {0}")]
     Sensors(String),
-    /// An option that names nothing, or has a wrong value.
+    /// An option names an unknown signal, or has an invalid value.
     #[error("`{option}`: {why}")]
     Option {
-        /// The option.
+        /// Name of the option.
         option: &'static str,
-        /// What is wrong.
+        /// What is wrong with it.
         why: String,
     },
-    /// A state or bias that the outputs do not show.
+    /// The outputs do not determine a state or bias.
     #[error("{what} cannot be told from the outputs {outputs}; measure more, or estimate fewer biases")]
     Unobservable {
-        /// What.
+        /// Description of the unobservable states.
         what: String,
-        /// The outputs used.
+        /// Names of the used outputs.
         outputs: String,
     },
     /// An unstable mode is too fast for the period.

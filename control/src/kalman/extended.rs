@@ -1,12 +1,13 @@
-//! The model of a filter for a vehicle with linear effects: late inputs and sensors, lags and modes, vibration as an
-//! oscillator.
+//! Filter model for a vehicle with linear effects: delayed inputs and sensors, lags and modes, vibration as
+//! an oscillator.
 //!
-//! What follows from the commands alone (past commands, lags and modes of the inputs) is known and needs no estimate: it
-//! enters the filter as further inputs. Lags of sensors and past outputs are states; a delayed measurement is so one of an
-//! earlier state, exactly and at no other price than the length of the delay (Anderson and Moore, "Optimal Filtering",
-//! 1979, section 11.2 on augmentation). A tone of known frequency is an oscillator that random steps keep in phase: a
-//! notch would do the same to the output, but it would turn the phase of the motion below the tone as well, which the
-//! oscillator, being part of the model, does not.
+//! States that follow from the commands alone (past commands, lags and modes of the inputs) are known and
+//! need no estimate: they enter the filter as further inputs. Lags of sensors and past outputs are states; a
+//! delayed measurement is then an exact measurement of an earlier state, at the cost of the delay's length in
+//! states (Anderson and Moore, "Optimal Filtering", 1979, section 11.2 on augmentation). A tone of known
+//! frequency is an oscillator driven by random steps that keep it in phase: a notch filter would remove it
+//! from the output as well, but with a phase lag of the motion below the tone, which the oscillator, as part
+//! of the model, does not cause.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{DiscretiseError, LinearModel};
@@ -16,38 +17,38 @@ use super::filter_model::FilterModel;
 use crate::kernel::{Block, Packed, blocks};
 use crate::sampled_model::SampledModel;
 
-/// Standard deviation with which a tone starts, and what it changes by in a second, in parts of its output's noise.
+/// Initial standard deviation of a tone, and its change per second, relative to its output's noise.
 const TONE_START: f64 = 30.0;
 const TONE_WALK: f64 = 0.3;
 
-/// What the extended model is made of besides the vehicle.
+/// Parameters of the extended model besides the vehicle.
 pub struct Ingredients<'a> {
     /// Density of the process noise on each own state.
     pub noise: &'a [f64],
-    /// Standard deviation of each output's noise.
+    /// Standard deviation of the noise of each output.
     pub std: &'a [f64],
-    /// Sizes of the own states.
+    /// Scales of the own states.
     pub scales: &'a [f64],
-    /// Outputs whose bias is estimated, with standard deviation at the start and walk per sqrt(s).
+    /// Outputs with an estimated bias: index, initial standard deviation, and walk per sqrt(s).
     pub biases: &'a [(usize, f64, f64)],
-    /// Inputs whose offset is estimated, likewise.
+    /// Inputs with an estimated offset: index, initial standard deviation, and walk per sqrt(s).
     pub input_biases: &'a [(usize, f64, f64)],
 }
 
-/// The extended model.
+/// The extended model of a filter.
 pub struct Extended {
-    /// What the filter runs on; its inputs are the commands and what is known.
+    /// Model of the filter; its inputs are the commands and the known states.
     pub model: FilterModel,
-    /// Standard deviations from which its states start.
+    /// Initial standard deviations of its states.
     pub initial: Vec<f64>,
     /// Index of the first bias.
     pub first_bias: usize,
-    /// What follows from the commands.
+    /// States that follow from the commands.
     pub known: Known,
 }
 
 impl Extended {
-    /// Prepares the model.
+    /// Builds the model.
     ///
     /// # Errors
     /// [`DiscretiseError`] when an unstable mode of the plant is too fast for the period.
@@ -59,7 +60,7 @@ impl Extended {
         let sampled = SampledModel::new(linear, period_s)?;
         let (own, known, size) = (sampled.layout.own, sampled.layout.known(), sampled.layout.size());
         let (m, p, nb) = (linear.b.ncols(), linear.c.nrows(), given.biases.len());
-        // The filter's states: own, lags of sensors and past outputs, biases, tones.
+        // States of the filter: own states, lags of sensors and past outputs, biases, tones.
         let kept: Vec<usize> = (0..own).chain(known..size).collect();
         let trims = given.input_biases.len();
         let (n, count) = (kept.len(), kept.len() + nb + trims + 2 * linear.tones.len());
@@ -93,7 +94,8 @@ impl Extended {
             q[(n + k, n + k)] = walk * walk * period_s;
             initial.push(std);
         }
-        // An offset of an input does what a constant command does once past commands, lags and modes are at rest under it.
+        // An offset of an input acts like a constant command after past commands, lags and modes have
+        // settled.
         let rest = rest_under_commands(&sampled);
         for (k, &(input, std, walk)) in given.input_biases.iter().enumerate() {
             let at = n + nb + k;
@@ -121,7 +123,7 @@ impl Extended {
     }
 }
 
-/// Standard deviations from which own states, lags and past outputs start: ten times their sizes.
+/// Initial standard deviations of own states, lags and past outputs: ten times their scales.
 fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>) -> Vec<f64> {
     let size = |output: usize| -> f64 {
         let row = linear.c.row(output);
@@ -132,7 +134,7 @@ fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>)
     let mut initial: Vec<f64> = given.scales.iter().map(|s| 10.0 * s).collect();
     for z in motion..linear.a.nrows() {
         let shown = (0..linear.c.nrows()).find(|i| linear.c[(*i, z)] != 0.0);
-        // A lag behind a lag: as large as what it lags behind.
+        // The scale of a lag of a lag is that of the first lag's signal.
         initial.push(shown.map_or_else(
             || 10.0 * given.scales.iter().copied().fold(0.0, f64::max),
             |i| {
@@ -148,7 +150,7 @@ fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>)
     initial
 }
 
-/// Where constant commands lead past commands, lags and modes: (I - f) x = g u; they all decay.
+/// Steady state of past commands, lags and modes under constant commands: (I - f) x = g u; all of them decay.
 fn rest_under_commands(sampled: &SampledModel) -> DMatrix<f64> {
     let (own, m) = (sampled.layout.own, sampled.g.ncols());
     let count = sampled.layout.known() - own;
@@ -161,23 +163,23 @@ fn rest_under_commands(sampled: &SampledModel) -> DMatrix<f64> {
     rest.unwrap_or_else(|| DMatrix::zeros(count, m))
 }
 
-/// What follows from the commands alone, step by step.
+/// States that follow from the commands alone, updated step by step.
 #[derive(Debug, Clone)]
 pub struct Known {
     f: Packed,
     g: Packed,
-    /// Where constant commands lead.
+    /// Steady state under constant commands.
     rest: Packed,
     state: Vec<f64>,
     scratch: Vec<Block>,
     acting: Vec<Acting>,
     offsets: Vec<f64>,
-    /// A measurement shows the input of its own moment.
+    /// True when a measurement contains the input of the same time.
     feedthrough: bool,
     begun: bool,
     /// Step of the run.
     at: u64,
-    /// Inputs of the filter over the step before and now, and the outputs less their known errors.
+    /// Inputs of the filter over the previous step and now, and the outputs minus their known errors.
     pub before: Vec<f64>,
     /// See [`Self::before`].
     pub now: Vec<f64>,
@@ -213,13 +215,14 @@ impl Known {
         }
     }
 
-    /// Tells at which step of the run the next one is, where it is not the one after the last.
+    /// Sets the step of the run of the next update, where it does not follow the last one.
     pub fn set_step(&mut self, step: u64) {
         self.at = step;
     }
 
-    /// From commands to what acts of them. Effects with a memory are asked once a period: where a measurement shows the input
-    /// of its own moment, what acts now is what acted before the next one.
+    /// Applies the static effects to the commands. Effects with a memory are evaluated once per period: where
+    /// a measurement contains the input of the same time, the input acting now is reused as the previous one
+    /// at the next step.
     fn act(&mut self, u_before: &[f64], u_now: &[f64]) {
         let since = self.at.saturating_sub(1);
         for (i, acting) in self.acting.iter_mut().enumerate() {
@@ -232,12 +235,13 @@ impl Known {
         self.at = self.at.saturating_add(1);
     }
 
-    /// Goes on by the commands that acted since the step before, and takes the outputs and the commands of now.
+    /// Propagates by the commands that acted since the previous step, and takes the present outputs and
+    /// commands.
     pub fn step(&mut self, y: &[f64], u_before: &[f64], u_now: &[f64]) {
         let m = self.acting.len();
         self.act(u_before, u_now);
         if !self.begun {
-            // Whatever came before is not known: the commands have been these for long.
+            // The past is unknown: the commands are assumed to have been constant.
             self.scratch.fill([0.0; 4]);
             self.rest.add(&mut self.scratch, &self.before[..m]);
             self.state.iter_mut().zip(self.scratch.as_flattened()).for_each(|(s, v)| *s = *v);
@@ -257,7 +261,7 @@ impl Known {
     }
 }
 
-/// The same vehicle for a filter that trusts its kinematics only: no force, no input; the sensors as they are.
+/// The same vehicle for a filter that uses only its kinematics: no force, no input; sensors unchanged.
 pub fn kinematic(linear: &LinearModel, kinematics: &[Option<(usize, f64)>]) -> LinearModel {
     let (own, first) = (linear.own, linear.own + linear.actuators);
     let kept: Vec<usize> = (0..own).chain(first..linear.a.nrows()).collect();

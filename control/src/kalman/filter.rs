@@ -1,4 +1,4 @@
-//! The filter itself: any linear model, measurements that come and go, gains kept once they repeat.
+//! The Kalman filter for any linear model, with intermittent measurements and stored periodic gains.
 
 use nalgebra::DMatrix;
 
@@ -9,10 +9,11 @@ use crate::kernel::{Block, Packed, blocks};
 /// A discrete Kalman filter for `x+ = F x + G u + w`, `y = H x + D u + v`, with w of covariance Q and v of
 /// independent components.
 ///
-/// Measurements are taken one at a time in Joseph's form (Bucy and Joseph 1968), which keeps the covariance
-/// symmetric and positive whatever rounding does to the gain. When the pattern of fresh measurements repeats, gains
-/// are kept for as long as the covariance hardly changes, and a step costs a few matrix-vector products; the first
-/// step that breaks the pattern returns to the full recursion from the covariance that the kept gains came from.
+/// Measurements are processed one at a time in Joseph's form (Bucy and Joseph 1968), which keeps the
+/// covariance symmetric and positive whatever the rounding of the gain. When the pattern of fresh
+/// measurements repeats, gains are stored and used for as long as the covariance hardly changes, and a step
+/// costs a few matrix-vector products; the first step that breaks the pattern returns to the full recursion
+/// from the covariance of the stored gains.
 #[derive(Debug, Clone)]
 pub struct KalmanFilter {
     states: usize,
@@ -21,7 +22,7 @@ pub struct KalmanFilter {
     pub(super) f: Packed,
     pub(super) g: Packed,
     pub(super) h: Packed,
-    /// None when there is no feed-through.
+    /// Feed-through matrix; none when it is zero.
     pub(super) d: Option<Packed>,
     x: Vec<Block>,
     innovation: Vec<Block>,
@@ -33,7 +34,7 @@ pub struct KalmanFilter {
 }
 
 impl KalmanFilter {
-    /// A filter that starts from zero with the given standard deviations of the n states.
+    /// A filter that starts from a zero state with the given standard deviations of the n states.
     pub fn new(model: FilterModel, initial: &[f64]) -> Self {
         let (states, outputs) = (model.f.nrows(), model.h.nrows());
         let p = DMatrix::from_fn(states, states, |i, j| if i == j { initial[i] * initial[i] } else { 0.0 });
@@ -56,7 +57,7 @@ impl KalmanFilter {
         }
     }
 
-    /// The model it runs on.
+    /// The model of the filter.
     pub fn model(&self) -> &FilterModel {
         &self.model
     }
@@ -66,12 +67,13 @@ impl KalmanFilter {
         &self.x.as_flattened()[..self.states]
     }
 
-    /// Standard deviation of the estimate.
+    /// Standard deviations of the estimated states.
     pub fn std(&self) -> &[f64] {
         &self.recursion.gains().std
     }
 
-    /// Covariance of the estimate, n x n; while gains are kept, that of the step they were computed for.
+    /// Covariance of the estimate, n x n; while stored gains are in use, that of the step for which they were
+    /// computed.
     pub fn covariance(&self) -> DMatrix<f64> {
         self.recursion.covariance(self.states)
     }
@@ -86,18 +88,18 @@ impl KalmanFilter {
         self.dof
     }
 
-    /// Innovations of the last step, whitened: independent and of variance one when the model is right. Entry i is that of
-    /// measurement i given those before it; zero where it was left out.
+    /// Innovations of the last step, whitened: independent and of variance one when the model is correct.
+    /// Entry i is that of measurement i given those before it; zero where it was left out.
     pub fn whitened(&self) -> &[f64] {
         &self.independent.as_flattened()[..self.outputs]
     }
 
-    /// Whether the gains have settled for good.
+    /// True when the gains have converged for good.
     pub fn settled(&self) -> bool {
         self.recursion.settled()
     }
 
-    /// Sets the state without touching its covariance.
+    /// Sets the state and keeps its covariance.
     pub fn set_state(&mut self, x: &[f64]) {
         self.x.as_flattened_mut().iter_mut().take(self.states).zip(x).for_each(|(a, b)| *a = *b);
     }
@@ -125,11 +127,11 @@ impl KalmanFilter {
         self.apply(y, mask, u_now);
     }
 
-    /// Innovations, NIS and the state.
+    /// Computes innovations and NIS, and updates the state.
     fn apply(&mut self, y: &[f64], mask: u64, u_now: &[f64]) {
         let gains = self.recursion.gains();
         for (i, v) in self.innovation.as_flattened_mut().iter_mut().enumerate().take(self.outputs) {
-            // What is left out may be NaN, which no zero gain would stop.
+            // Unused outputs may be NaN, which a zero gain would not suppress.
             *v = if mask >> i & 1 == 1 { y[i] } else { 0.0 };
         }
         self.h.subtract(&mut self.innovation, self.x.as_flattened());

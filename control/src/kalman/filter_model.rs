@@ -1,4 +1,4 @@
-//! The sampled linear model that a filter believes in.
+//! The sampled linear model of a filter.
 
 use nalgebra::DMatrix;
 

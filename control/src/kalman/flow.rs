@@ -1,9 +1,10 @@
-//! The covariance many steps ahead at once.
+//! Propagates the covariance over many steps at once.
 //!
-//! Over any number of steps with given measurements, an optimal filter takes its covariance from P to
-//! `H + A P (I + G P)^-1 A'`. Such maps compose to such a map, so a map over 2 k steps comes from one over k: the
-//! doubling algorithm (Anderson and Moore, Optimal Filtering, 1979, section 6.7; Chu, Fan, Lin and Wang, Int. J.
-//! Control 77, 2004). It is exact for any P, not only in the limit. Nothing here allocates once it is made.
+//! Over any number of steps with given measurements, an optimal filter changes its covariance from P to `H +
+//! A P (I + G P)^-1 A'`. The composition of such maps has the same form, so a map over 2 k steps follows from
+//! one over k: the doubling algorithm (Anderson and Moore, Optimal Filtering, 1979, section 6.7; Chu, Fan,
+//! Lin and Wang, Int. J. Control 77, 2004). It is exact for any P, not only in the limit. After construction
+//! nothing here allocates.
 
 use nalgebra::DMatrix;
 
@@ -37,7 +38,7 @@ pub struct Flow {
     n: usize,
     f: Packed,
     q: Packed,
-    /// h' h / r of each output.
+    /// Information h' h / r of each output.
     information: Vec<Packed>,
     whole: Map,
     step: Map,
@@ -48,7 +49,7 @@ pub struct Flow {
 }
 
 impl Flow {
-    /// Prepared for a model; the map over nothing.
+    /// Prepares the identity map for a model.
     pub fn new(model: &FilterModel) -> Self {
         let n = model.f.nrows();
         let information = (0..model.h.nrows())
@@ -69,7 +70,7 @@ impl Flow {
         }
     }
 
-    /// Back to the map over nothing.
+    /// Resets to the identity map.
     pub fn clear(&mut self) {
         self.whole.a.clear();
         self.whole.g.clear();
@@ -100,14 +101,14 @@ impl Flow {
         self.compose();
     }
 
-    /// The map over twice as many steps.
+    /// Doubles the number of steps of the map.
     pub fn double(&mut self) {
         self.step.copy_from(&self.whole);
         self.compose();
     }
 
-    /// `step` after `whole` becomes the whole: with M = I + H1 G2, A = A2 M^-1 A1, H = H2 + A2 M^-1 H1 A2' and
-    /// G = G1 + A1' G2 M^-1 A1.
+    /// Composes `whole` followed by `step`: with M = I + H1 G2, A = A2 M^-1 A1, H = H2 + A2 M^-1 H1 A2' and G
+    /// = G1 + A1' G2 M^-1 A1.
     fn compose(&mut self) {
         let n = self.n;
         let Self { whole, step, next, left, right, elimination, .. } = self;
@@ -132,7 +133,7 @@ impl Flow {
         whole.h.symmetrise(n);
     }
 
-    /// Replaces P by what it is at the map's end.
+    /// Applies the map to P.
     pub fn apply(&mut self, p: &mut Packed) {
         let n = self.n;
         let Self { whole, next, left, right, elimination, .. } = self;
@@ -149,7 +150,7 @@ impl Flow {
     }
 }
 
-/// Gaussian elimination with partial pivoting in memory of its own.
+/// Gaussian elimination with partial pivoting in preallocated memory.
 #[derive(Debug, Clone)]
 struct Elimination {
     n: usize,
@@ -162,8 +163,8 @@ impl Elimination {
         Self { n, rows: vec![0.0; 3 * n * n] }
     }
 
-    /// Solves `(I + m) x = b` for two right sides, n x n each. I + m is never singular here: m is a product of two
-    /// positive semidefinite matrices, whose eigenvalues are not negative.
+    /// Solves `(I + m) x = b` for two right-hand sides, n x n each. I + m is never singular here: m is a
+    /// product of two positive semidefinite matrices, whose eigenvalues are not negative.
     fn solve(&mut self, m: &Packed, b: [&Packed; 2], x: [&mut Packed; 2]) {
         let n = self.n;
         let width = 3 * n;

@@ -1,5 +1,6 @@
-//! One filter over several flights side by side: the gains are the same for all, because they follow from the model and from
-//! which measurements come. Every number is to the last bit that of [`Estimator`] over the one flight.
+//! One filter over several simultaneous flights: the gains are the same for all, because they depend on the
+//! model and on the pattern of measurements. Every number is bit-identical to that of [`Estimator`] over the
+//! single flight.
 
 #![expect(clippy::needless_range_loop, reason = "a loop over lanes indexes several rows alike")]
 
@@ -7,7 +8,7 @@ use super::model::Estimator;
 use super::recursion::Recursion;
 use crate::kernel::Packed;
 
-/// An [`Estimator`] over K flights that measure at the same steps.
+/// An [`Estimator`] over K flights with measurements at the same steps.
 #[derive(Debug, Clone)]
 pub struct EstimatorLanes<const K: usize> {
     states: usize,
@@ -26,7 +27,7 @@ pub struct EstimatorLanes<const K: usize> {
 }
 
 impl<const K: usize> EstimatorLanes<K> {
-    /// All flights where `estimator` is. `None` for one that knows delays, lags or nonlinear inputs of its vehicle.
+    /// All flights in the state of `estimator`. `None` for a filter with delays, lags or nonlinear inputs.
     pub fn new(estimator: &Estimator) -> Option<Self> {
         let filter = estimator.filter();
         estimator.knows_plain_inputs().then(|| Self {
@@ -46,8 +47,8 @@ impl<const K: usize> EstimatorLanes<K> {
         })
     }
 
-    /// As [`Estimator::step`] for each flight; `valid` says which outputs are fresh in all of them. What is not finite in one
-    /// flight leaves that one without meaning, and the others as they are.
+    /// Updates as [`Estimator::step`] for each flight; `valid` marks the outputs that are fresh in all of
+    /// them. Values that are not finite invalidate their own flight only.
     #[inline(always)]
     pub fn step(&mut self, y: &[[f64; K]], valid: u64, u_before: &[[f64; K]], u_now: &[[f64; K]]) {
         let outputs = self.innovation.len();
@@ -79,7 +80,7 @@ impl<const K: usize> EstimatorLanes<K> {
         self.dof = mask.count_ones();
     }
 
-    /// Estimated states in the plant's order, each of all flights.
+    /// Estimated states in the plant's order, each for all flights.
     #[inline(always)]
     pub fn x(&self) -> &[[f64; K]] {
         &self.x[..self.states]
@@ -91,7 +92,7 @@ impl<const K: usize> EstimatorLanes<K> {
         &self.recursion.gains().std[..self.states]
     }
 
-    /// Normalised innovation squared of the last step.
+    /// Normalised innovation squared of the last step, per flight.
     #[inline(always)]
     pub fn nis(&self) -> &[f64; K] {
         &self.nis
@@ -102,7 +103,7 @@ impl<const K: usize> EstimatorLanes<K> {
         self.dof
     }
 
-    /// Whether the gains have settled.
+    /// True when the gains have converged.
     pub fn converged(&self) -> bool {
         self.recursion.settled()
     }

@@ -1,15 +1,15 @@
 //! Kalman filters for the full state.
 //!
-//! Two models, one filter:
-//! - [`EstimatorKind::Kinematic`] knows only that an angle is the integral of its rate and a position that of
-//!   its speed; everything else is a random walk that the measurements hold. As in the paper, rates come from
-//!   angles. It trusts no force model, and no input.
+//! There are two models for one filter:
+//! - [`EstimatorKind::Kinematic`] contains only that an angle is the integral of its rate and a position that of
+//!   its speed; everything else is a random walk that measurements correct. As in the paper, rates are estimated
+//!   from angles. It uses no force model, and no input.
 //! - [`EstimatorKind::Model`] predicts with the discretised vehicle and the inputs that act on it.
 //!
-//! By default a bias is estimated for gyros only, where kinematics alone make it observable: the angle is measured
-//! as well, and its slope is the rate. The bias of an angle can be told from a constant disturbance only by
-//! trusting the force model to its last digit, so it is estimated only when asked for; a set of biases that the
-//! outputs cannot tell apart is refused. The same holds for the offsets of inputs.
+//! By default a bias is estimated for gyros only, where it is observable by kinematics alone: the angle is
+//! measured as well, and its slope is the rate. The bias of an angle can be distinguished from a constant
+//! disturbance only by an exact force model, so it is estimated only on request; a set of biases that is not
+//! observable from the outputs is refused. The same holds for the offsets of inputs.
 
 mod acting;
 mod covariance;

@@ -1,4 +1,4 @@
-//! The two models.
+//! The state estimator with its two models.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{LinearModel, discretise, finite_horizon_gramian};
@@ -22,22 +22,22 @@ pub struct Estimator {
     filter: KalmanFilter,
     states: usize,
     used: u64,
-    /// Per output, the bias state, or none.
+    /// Index of the bias state of every output, or none.
     bias_state: Vec<Option<usize>>,
     bias: Vec<f64>,
-    /// Per input, the state of its offset, or none.
+    /// Index of the offset state of every input, or none.
     input_bias_state: Vec<Option<usize>>,
     input_bias: Vec<f64>,
     steps: u64,
-    /// What follows from the commands; absent for a vehicle without effects that a filter has to know.
+    /// States that follow from the commands; absent for a vehicle without effects that a filter must model.
     known: Option<Known>,
 }
 
 impl Estimator {
-    /// Prepares the filter.
+    /// Designs the filter.
     ///
     /// # Errors
-    /// [`EstimatorError`] names the output, option or state that stands in the way.
+    /// [`EstimatorError`], which names the output, option or state that prevents the design.
     pub fn new(
         plant: &SampledPlant,
         sensors: &Sensors,
@@ -46,11 +46,11 @@ impl Estimator {
         Self::of(plant, sensors, None, options)
     }
 
-    /// Prepares the filter for a vehicle with linear effects, which `linear` holds: late inputs and sensors, lags, tones,
-    /// known errors of sensors.
+    /// Designs the filter for a vehicle with linear effects, given by `linear`: delayed inputs and sensors,
+    /// lags, tones, known errors of sensors.
     ///
     /// # Errors
-    /// [`EstimatorError`] names the output, option or state that stands in the way.
+    /// [`EstimatorError`], which names the output, option or state that prevents the design.
     pub fn of(
         plant: &SampledPlant,
         sensors: &Sensors,
@@ -78,7 +78,7 @@ impl Estimator {
         }
         let (mut model, mut initial) = filter_model(plant, &seen, options, &kinematics, &offsets)?;
         let used_mask = used.iter().fold(0, |mask, i| mask | 1 << i);
-        // Delays and lags hide nothing that the states and biases without them show.
+        // Delays and lags do not affect the observability of states and biases.
         check_observable(plant, sensors, &model.f, &model.h, &used, &offsets)?;
         let (mut first_bias, mut known) = (n, None);
         if let Some(linear) = linear.filter(|l| !l.is_plain()) {
@@ -119,8 +119,9 @@ impl Estimator {
         })
     }
 
-    /// One step. `y` holds all p outputs, bit i of `valid` says that output i is fresh; `u_before` acted since
-    /// the step before, `u_now` acts at the moment of measurement (it matters only where d is not zero).
+    /// Updates the estimate. `y` holds all p outputs, bit i of `valid` means that output i is fresh;
+    /// `u_before` acted since the previous step, `u_now` acts at the time of measurement (relevant only where
+    /// d is not zero).
     pub fn step(&mut self, y: &[f64], valid: u64, u_before: &[f64], u_now: &[f64]) {
         match &mut self.known {
             None => self.filter.step(y, valid & self.used, u_before, u_now),
@@ -138,7 +139,8 @@ impl Estimator {
         self.steps = self.steps.saturating_add(1);
     }
 
-    /// Tells at which step of the run the next one is, where it is not the one after the last: for a filter that joins late.
+    /// Sets the step of the run of the next update, where it does not follow the last one: for a filter that
+    /// starts late.
     pub fn set_step(&mut self, step: u64) {
         if let Some(known) = &mut self.known {
             known.set_step(step);
@@ -150,17 +152,17 @@ impl Estimator {
         &self.filter.x()[..self.states]
     }
 
-    /// Standard deviation of the states.
+    /// Standard deviations of the states.
     pub fn std(&self) -> &[f64] {
         &self.filter.std()[..self.states]
     }
 
-    /// Estimated bias of each output; zero where none is estimated.
+    /// Estimated bias of each output; zero for outputs without one.
     pub fn bias(&self) -> &[f64] {
         &self.bias
     }
 
-    /// Estimated offset of each input, the steady command that would do what it does; zero where none is estimated.
+    /// Estimated offset of each input, as an equivalent steady command; zero for inputs without one.
     pub fn input_bias(&self) -> &[f64] {
         &self.input_bias
     }
@@ -175,22 +177,22 @@ impl Estimator {
         self.filter.dof()
     }
 
-    /// Whether the gains have settled.
+    /// True when the gains have converged.
     pub fn converged(&self) -> bool {
         self.filter.settled()
     }
 
-    /// The outputs that are used, bit i for output i.
+    /// Bit mask of the used outputs, bit i for output i.
     pub fn used(&self) -> u64 {
         self.used
     }
 
-    /// Whether commands enter the filter as they are, and measurements too.
+    /// True when the filter uses commands and measurements unchanged.
     pub(super) fn knows_plain_inputs(&self) -> bool {
         self.known.is_none()
     }
 
-    /// The filter itself, with its biases and covariance.
+    /// The underlying filter, with its biases and covariance.
     pub fn filter(&self) -> &KalmanFilter {
         &self.filter
     }
@@ -227,7 +229,7 @@ fn check(plant: &SampledPlant, sensors: &Sensors) -> Result<(), EstimatorError> 
     }
 }
 
-/// The one state that output `i` shows as it is, if so.
+/// The single state that output `i` shows with gain one, if any.
 fn shown_state(sensors: &Sensors, i: usize) -> Option<usize> {
     let entries: Vec<usize> = (0..sensors.c.ncols()).filter(|&j| sensors.c[(i, j)] != 0.0).collect();
     match entries[..] {
@@ -289,8 +291,8 @@ fn process_noise(
     }
 }
 
-/// The sampled model of the states with the biases of outputs and the offsets of inputs behind them, and the standard
-/// deviations from which they start.
+/// Sampled model of the states followed by the biases of outputs and the offsets of inputs, and their initial
+/// standard deviations.
 fn filter_model(
     plant: &SampledPlant,
     sensors: &Sensors,
@@ -315,7 +317,7 @@ fn filter_model(
     g.view_mut((0, 0), (n, m)).copy_from(&gamma);
     let mut h = DMatrix::zeros(p, n + nb);
     h.view_mut((0, 0), (p, n)).copy_from(&sensors.c);
-    // Covariance that the states gather in a period from white noise of these densities on their derivatives.
+    // Covariance that white noise of these densities on the derivatives adds to the states in a period.
     let noise = process_noise(plant, options, kinematics)?;
     let density = DMatrix::from_fn(n, n, |i, j| if i == j { noise[i] * noise[i] } else { 0.0 });
     let mut q = DMatrix::zeros(n + nb, n + nb);
@@ -338,13 +340,14 @@ fn filter_model(
     Ok((FilterModel { f, g, h, d, q, variance }, initial))
 }
 
-/// The bias of an output: its standard deviation at the start, and its random walk per sqrt(s).
+/// Bias noise of an output: its initial standard deviation, and its random walk per sqrt(s).
 fn bias_noise(sensors: &Sensors, options: &EstimatorOptions, output: usize) -> (usize, f64, f64) {
     let std = sensors.std[output];
     (output, options.bias_std.unwrap_or(10.0 * std), options.bias_walk.unwrap_or(0.01 * std))
 }
 
-/// Which outputs are gyros: they show a rate that the inputs drive and whose angle is measured too. Speeds are driven by angles.
+/// Indices of the gyro outputs: they show a rate that the inputs drive and whose angle is measured too.
+/// (Speeds are driven by angles.)
 fn gyros(plant: &SampledPlant, sensors: &Sensors, kinematics: &[Option<(usize, f64)>]) -> Vec<bool> {
     let own_b = plant.own_b();
     let shows: Vec<Option<usize>> = (0..sensors.c.nrows()).map(|i| shown_state(sensors, i)).collect();

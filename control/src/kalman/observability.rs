@@ -1,4 +1,4 @@
-//! Whether the outputs show all that is to be estimated.
+//! Observability test of the states to be estimated.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::LinearModel;
@@ -8,11 +8,12 @@ use super::offsets::Offsets;
 use super::sensors::Sensors;
 use crate::sampled_plant::SampledPlant;
 
-/// What the outputs show of the own states at rest, p x n: one behind a lag shows what the lag follows.
+/// Steady-state outputs as a function of the own states, p x n: an output with a lag shows the signal before
+/// the lag.
 pub fn shown_at_rest(linear: &LinearModel) -> DMatrix<f64> {
     let (own, first, size) = (linear.own, linear.own + linear.actuators, linear.a.nrows());
     let mut c = linear.c.clone();
-    // A lag may follow a lag, and that one no other than those before.
+    // A lag may follow another lag, but only one with a smaller index.
     for _ in first..size {
         for z in first..size {
             let through = c.column(z).into_owned();
@@ -26,7 +27,7 @@ pub fn shown_at_rest(linear: &LinearModel) -> DMatrix<f64> {
     c.columns(0, own).into_owned()
 }
 
-/// The observability test of Popov, Belevitch and Hautus at every eigenvalue on or outside the unit circle.
+/// Popov-Belevitch-Hautus observability test at every eigenvalue on or outside the unit circle.
 pub fn check_observable(
     plant: &SampledPlant,
     sensors: &Sensors,

@@ -1,28 +1,29 @@
-//! What stands still and is not known: biases of sensors and offsets of inputs, each a state that hardly moves.
+//! Unknown constants: biases of sensors and offsets of inputs, each an almost constant state.
 //!
-//! An offset of an input is the model of any steady force that the inputs could hold (a centre of gravity beside the
-//! middle, a bent blade, wind). As a state of the filter it makes the estimates right at rest, so that a law that integrates
-//! their error leaves none (Muske and Badgwell, "Disturbance modeling for offset-free linear model predictive control",
-//! J. Process Control 12, 2002; Pannocchia and Rawlings, AIChE Journal 49, 2003).
+//! An offset of an input models any steady force that the inputs could hold (an eccentric centre of gravity,
+//! a bent blade, wind). As a state of the filter it makes the estimates unbiased at rest, so that a law that
+//! integrates their error leaves none (Muske and Badgwell, "Disturbance modeling for offset-free linear model
+//! predictive control", J. Process Control 12, 2002; Pannocchia and Rawlings, AIChE Journal 49, 2003).
 
 use super::error::EstimatorError;
 use super::options::{EstimatorKind, EstimatorOptions};
 use crate::options::Selector;
 use crate::sampled_plant::SampledPlant;
 
-/// Standard deviation of an offset at the start and its random walk per sqrt(s), in parts of the input's authority.
+/// Initial standard deviation of an offset and its random walk per sqrt(s), relative to the input's
+/// authority.
 const START: f64 = 0.2;
 const WALK: f64 = 0.01;
 
-/// Outputs whose bias and inputs whose offset is estimated.
+/// Outputs with an estimated bias, and inputs with an estimated offset.
 pub struct Offsets<'a> {
-    /// The outputs.
+    /// Indices of the outputs.
     pub biased: &'a [usize],
-    /// The inputs, with standard deviation at the start and walk per sqrt(s).
+    /// Inputs: index, initial standard deviation, and walk per sqrt(s).
     pub trimmed: &'a [(usize, f64, f64)],
 }
 
-/// The inputs whose offset is estimated, each once, with standard deviation at the start and walk per sqrt(s).
+/// Inputs with an estimated offset, each once: index, initial standard deviation, and walk per sqrt(s).
 ///
 /// # Errors
 /// [`EstimatorError::Option`] for a name that is no input, a size that is not positive, and a filter without inputs.

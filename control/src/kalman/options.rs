@@ -1,10 +1,10 @@
-//! What a launch file or a caller can ask of the filter.
+//! Options of the filter, from a launch file or a caller.
 
 use serde::{Deserialize, Serialize};
 
 use crate::options::{Selector, Weights};
 
-/// Which model the filter predicts with.
+/// Prediction model of the filter.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EstimatorKind {
@@ -15,14 +15,14 @@ pub enum EstimatorKind {
     Model,
 }
 
-/// What the filter takes the declared vibration of a sensor for.
+/// Model of a sensor's declared vibration in the filter.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VibrationModel {
-    /// White noise of its variance.
+    /// White noise of the vibration's variance.
     #[default]
     Noise,
-    /// Oscillators of its frequencies, which the states are freed of.
+    /// Oscillators of the vibration's frequencies, which are removed from the states.
     Oscillator,
 }
 
@@ -30,25 +30,25 @@ pub enum VibrationModel {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorOptions {
-    /// Which model.
+    /// Prediction model.
     pub kind: EstimatorKind,
-    /// What declared vibration is taken for.
+    /// Model of declared vibration.
     pub vibration: VibrationModel,
     /// Density of the white noise on the derivative of each state, SI units times sqrt(s), by state. Default:
     /// zero for kinematic rows; else the state's scale per sqrt(s), thrice that for the kinematic filter.
     pub process_noise: Option<Weights>,
     /// Outputs whose bias is estimated. Default: gyros, that is rates whose angle is measured as well.
     pub bias: Option<Vec<Selector>>,
-    /// Standard deviation of these biases at the start, SI units. Default: ten times the output's noise.
+    /// Initial standard deviation of the biases, SI units. Default: ten times the output's noise.
     pub bias_std: Option<f64>,
-    /// Random walk of these biases, SI units per sqrt(s). Default: a hundredth of the output's noise.
+    /// Random walk of the biases, SI units per sqrt(s). Default: a hundredth of the output's noise.
     pub bias_walk: Option<f64>,
-    /// Inputs whose constant offset, the trim, is estimated as a further state: a steady force that nobody told of
-    /// then does not bend the estimates. Default: none.
+    /// Inputs whose constant offset, the trim, is estimated as a further state: an unmodelled steady force
+    /// then does not bias the estimates. Default: none.
     pub input_bias: Vec<Selector>,
-    /// Standard deviation of these offsets at the start, input units. Default: a fifth of the input's authority.
+    /// Initial standard deviation of the offsets, input units. Default: a fifth of the input's authority.
     pub input_bias_std: Option<f64>,
-    /// Random walk of these offsets, input units per sqrt(s). Default: a hundredth of the input's authority.
+    /// Random walk of the offsets, input units per sqrt(s). Default: a hundredth of the input's authority.
     pub input_bias_walk: Option<f64>,
     /// Outputs used. Default: all for the model; all but gyros for the kinematic filter, as in the paper.
     pub outputs: Option<Vec<Selector>>,

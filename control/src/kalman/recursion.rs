@@ -1,4 +1,5 @@
-//! The gains of a filter, step by step: they follow from the model and from which measurements come, not from their values.
+//! Gains of a filter, step by step: they depend on the model and on the pattern of measurements, not on their
+//! values.
 
 use nalgebra::DMatrix;
 
@@ -12,7 +13,7 @@ use super::schedule::{MAX_PERIOD, Schedule, Task};
 pub struct Recursion {
     covariance: Covariance,
     flow: Flow,
-    /// Per step of the pattern; the first serves while nothing is kept.
+    /// Gains per step of the pattern; the first slot is used while no gains are stored.
     slots: Vec<Gains>,
     schedule: Schedule,
     current: usize,
@@ -20,7 +21,7 @@ pub struct Recursion {
 }
 
 impl Recursion {
-    /// Begins with the covariance `p` of the model's states.
+    /// Starts with the covariance `p` of the model's states.
     pub fn new(model: &FilterModel, p: &DMatrix<f64>) -> Self {
         let covariance = Covariance::new(model, p);
         Self {
@@ -33,7 +34,7 @@ impl Recursion {
         }
     }
 
-    /// Goes on to the step in which the measurements of `mask` come; the gains are then those of it.
+    /// Advances to the step with the measurements of `mask`, and computes or selects its gains.
     #[inline]
     pub fn advance(&mut self, mask: u64) {
         let keeping = self.schedule.keeping();
@@ -48,7 +49,7 @@ impl Recursion {
 
     fn compute(&mut self, slot: usize, mask: u64, keeping: bool) {
         if keeping {
-            // The pattern has broken: back to where the gains in use came from.
+            // The pattern is broken: the covariance returns to that of the gains in use.
             self.covariance.set(&self.slots[self.current].p);
         }
         if self.started {
@@ -66,18 +67,19 @@ impl Recursion {
         &self.slots[self.current]
     }
 
-    /// Whether there has been a step.
+    /// True after the first step.
     #[inline]
     pub fn started(&self) -> bool {
         self.started
     }
 
-    /// Whether the gains have settled for good.
+    /// True when the gains have converged for good.
     pub fn settled(&self) -> bool {
         self.schedule.settled()
     }
 
-    /// Covariance of the estimate, n x n; while gains are kept, that of the step they were computed for.
+    /// Covariance of the estimate, n x n; while stored gains are in use, that of the step for which they were
+    /// computed.
     pub fn covariance(&self, n: usize) -> DMatrix<f64> {
         let p = if self.started { &self.gains().p } else { self.covariance.p() };
         p.to_matrix(n, n)

@@ -1,63 +1,64 @@
-//! When gains are computed and when they are kept.
+//! Schedule of the gains: decides when they are computed and when stored ones are used.
 //!
-//! A filter whose measurements come in a repeating pattern has gains that hardly change from one repetition to the
-//! next. Once a pattern is recognised, the covariance is taken over it by the full recursion, whose gains are then
-//! kept for as many repetitions as change it by a few percent at most; then [`Flow`](super::flow::Flow) tells what
-//! it has become, and the next gains are computed. The longer the filter runs the longer they are kept, in the end
-//! for good. Gains that are wrong by a part e raise the variance by e^2 only, as they are at its minimum.
+//! A filter with a periodic pattern of measurements has gains that hardly change from one repetition to the
+//! next. Once a pattern is recognised, the full recursion runs over one repetition, and its gains are stored
+//! and used for as many repetitions as change the covariance by a few percent at most; then
+//! [`Flow`](super::flow::Flow) computes the new covariance, and the next gains follow. The longer the filter
+//! runs, the longer gains are used, finally for good. Gains with a relative error e increase the variance by
+//! e^2 only, as it is stationary there.
 
 use super::covariance::Covariance;
 use super::flow::Flow;
 use crate::kernel::Packed;
 
-/// Longest pattern of measurements, in steps, that is recognised.
+/// Longest recognised pattern of measurements, steps.
 pub const MAX_PERIOD: usize = 64;
 
-/// Largest change of the covariance, relative to its standard deviations, over which gains are kept.
+/// Largest change of the covariance, relative to its standard deviations, over which stored gains are used.
 const KEPT: f64 = 0.04;
 
-/// Change of the covariance from one computation to the next below which gains count as settled.
+/// Change of the covariance from one computation to the next below which gains have converged.
 const SETTLED: f64 = 1e-6;
 
-/// Most repetitions from one computation to the next: beyond these nothing is saved by keeping longer.
+/// Largest number of repetitions between two computations: more would save nothing.
 const LONGEST: u64 = 1024;
 
-/// Where the filter stands.
+/// Stage of the schedule.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
-    /// No pattern yet: the full recursion in every step.
+    /// No pattern recognised: full recursion in every step.
     Looking,
-    /// A pattern of that many steps, whose map is being put together.
+    /// A pattern of `period` steps, whose map is being composed.
     Composing { period: usize, done: usize },
-    /// The full recursion over one repetition; its gains will be kept.
+    /// Full recursion over one repetition; its gains will be stored.
     Computing { period: usize, done: usize },
-    /// The gains of step `next` of the pattern are due, for `left` more repetitions.
+    /// The stored gains of step `next` of the pattern are used, for `left` more repetitions.
     Keeping { period: usize, next: usize, left: u64 },
 }
 
-/// What one step has to do.
+/// Task of one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Task {
-    /// The full recursion, gains into this slot.
+    /// Full recursion, with the gains stored in this slot.
     Compute(usize),
-    /// The gains in this slot serve.
+    /// Use the gains in this slot.
     Keep(usize),
 }
 
-/// Recognises patterns and decides.
+/// Recognises patterns and decides when gains are computed.
 #[derive(Debug, Clone)]
 pub struct Schedule {
     recent: [u64; 2 * MAX_PERIOD],
     count: usize,
     stage: Stage,
-    /// The covariance at the beginning of the present repetitions, and how many the map is over.
+    /// Covariance at the beginning of the current repetitions, and the number of repetitions of the map.
     anchor: Packed,
     span: u64,
     settled: bool,
 }
 
 impl Schedule {
-    /// Nothing recognised; `p` has the shape of the covariance.
+    /// Starts without a pattern; `p` has the shape of the covariance.
     pub fn new(p: &Packed) -> Self {
         Self {
             recent: [0; 2 * MAX_PERIOD],
@@ -69,17 +70,17 @@ impl Schedule {
         }
     }
 
-    /// Whether the gains have settled for good.
+    /// True when the gains have converged for good.
     pub fn settled(&self) -> bool {
         self.settled && matches!(self.stage, Stage::Keeping { .. })
     }
 
-    /// Whether kept gains are in use.
+    /// True while stored gains are in use.
     pub fn keeping(&self) -> bool {
         matches!(self.stage, Stage::Keeping { .. })
     }
 
-    /// What a step with these measurements has to do; `due` are those that the slot was computed for.
+    /// Task of a step with these measurements; `due` returns the measurements for which a slot was computed.
     #[inline]
     pub fn task(&mut self, mask: u64, due: impl Fn(usize) -> u64) -> Task {
         if let Stage::Keeping { next, .. } = self.stage {
@@ -101,7 +102,7 @@ impl Schedule {
         self.settled = false;
     }
 
-    /// Takes note of a step's measurements; what breaks the pattern ends it.
+    /// Records a step's measurements; a deviation ends the pattern.
     fn notice(&mut self, mask: u64) {
         self.recent[self.count % (2 * MAX_PERIOD)] = mask;
         self.count += 1;
@@ -121,7 +122,7 @@ impl Schedule {
         }
     }
 
-    /// Ends a step that kept its gains; at the end of the repetitions the covariance is brought up to date.
+    /// Finishes a step with stored gains; at the end of the repetitions the covariance is updated.
     #[inline]
     pub fn kept(&mut self, flow: &mut Flow, covariance: &mut Covariance) {
         let Stage::Keeping { period, next, left } = &mut self.stage else { return };
@@ -140,7 +141,7 @@ impl Schedule {
         }
     }
 
-    /// Ends a step of the full recursion.
+    /// Finishes a step of the full recursion.
     pub fn computed(&mut self, mask: u64, flow: &mut Flow, covariance: &mut Covariance) {
         match &mut self.stage {
             Stage::Looking | Stage::Keeping { .. } => {}
@@ -166,26 +167,26 @@ impl Schedule {
                 if self.span > 1 || self.settled {
                     self.stage = Stage::Keeping { period, next: 0, left: self.span - 1 };
                 } else {
-                    // Nothing is kept yet: what the recursion has reached is the end of the map.
+                    // No gains are stored yet: the covariance of the recursion is that at the end of the map.
                     self.decide(period, flow, covariance);
                 }
             }
         }
     }
 
-    /// The covariance at the end of the map, by the map.
+    /// Computes the covariance at the end of the map.
     fn refresh(&mut self, period: usize, flow: &mut Flow, covariance: &mut Covariance) {
         covariance.set(&self.anchor);
         covariance.flow_on(flow);
         self.decide(period, flow, covariance);
     }
 
-    /// From how much the covariance has changed over the map: how long the next gains will be kept.
+    /// Decides from the change of the covariance over the map how long the next gains are used.
     fn decide(&mut self, period: usize, flow: &mut Flow, covariance: &Covariance) {
         let change = covariance.change_from(&self.anchor);
         self.stage = Stage::Computing { period, done: 0 };
         if change > KEPT && self.span > 1 {
-            // It moves faster than it did; begin anew.
+            // The covariance changes faster than before; the schedule restarts.
             self.stage = Stage::Composing { period, done: 0 };
         } else if change <= SETTLED {
             self.settled = true;

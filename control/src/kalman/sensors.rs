@@ -1,13 +1,13 @@
-//! What is measured.
+//! Measurement model of a filter.
 
 use nalgebra::DMatrix;
 
-/// What is measured: `y = c x + d u + noise`.
+/// Measurement model `y = c x + d u + noise`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensors {
-    /// p x n.
+    /// Output matrix, p x n.
     pub c: DMatrix<f64>,
-    /// p x m.
+    /// Feed-through matrix, p x m.
     pub d: DMatrix<f64>,
     /// Standard deviation of the noise of each output, SI units, positive.
     pub std: Vec<f64>,

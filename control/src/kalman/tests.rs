@@ -10,7 +10,7 @@ use super::flow::Flow;
 use crate::kernel::Packed;
 use crate::riccati::dare;
 
-/// P of one more step by the textbook's formulas.
+/// P after one more step by the textbook formulas.
 fn plain(model: &FilterModel, p: &DMatrix<f64>, mask: u64) -> DMatrix<f64> {
     let p = &model.f * p * model.f.transpose() + &model.q;
     let rows: Vec<usize> = (0..model.h.nrows()).filter(|i| mask >> i & 1 == 1).collect();
@@ -81,7 +81,7 @@ fn kept_gains_stay_close_to_those_of_the_full_recursion() {
             }
         }
         println!("standard deviations within {worst:.4} of the full recursion's; settled at {settled:?}");
-        // Gains are kept while the variance changes by 4 %, the standard deviation by 2 %.
+        // Stored gains are used while the variance changes by 4 %, the standard deviation by 2 %.
         assert!(worst < 0.025, "{worst}");
         assert!(settled.is_some(), "gains settle in the end");
         assert!(distance(&filter.covariance(), &p) < 1e-5);

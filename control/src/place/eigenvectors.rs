@@ -1,10 +1,9 @@
-//! The choice of eigenvectors: spaces that feedback can give, and sweeps that raise their determinant.
+//! Choice of eigenvectors: the subspaces that feedback can assign, and sweeps that raise their determinant.
 
 use nalgebra::{ComplexField, DMatrix, DVector};
 use whirlstand_linalg::{C64, DecompositionError, Svd, complex, singular_values, symmetric_eigen};
 
-/// The eigenvectors that can be had and those chosen. Column j of a pair holds the real part, j + 1 the
-/// imaginary part.
+/// Assignable and chosen eigenvectors. Column j of a pair holds the real part, j + 1 the imaginary part.
 pub struct Eigenvectors {
     poles: Vec<C64>,
     spaces: Vec<DMatrix<C64>>,
@@ -12,7 +11,7 @@ pub struct Eigenvectors {
 }
 
 impl Eigenvectors {
-    /// The spaces of eigenvectors that feedback can give; none chosen yet.
+    /// The assignable subspaces of eigenvectors, with none chosen yet.
     pub fn new(
         a: &DMatrix<f64>,
         annihilator: &DMatrix<f64>,
@@ -35,19 +34,19 @@ impl Eigenvectors {
         Ok(Self { poles: poles.to_vec(), spaces, x: DMatrix::zeros(n, n) })
     }
 
-    /// Whether there is a choice: with several inputs, or at a mode that no input moves, whose eigenvector the gain
-    /// may still turn.
+    /// True when there is a choice: with several inputs, or at an uncontrollable mode, whose eigenvector the
+    /// gain may still change.
     pub fn are_free(&self) -> bool {
         self.spaces.iter().any(|space| space.ncols() > 1)
     }
 
-    /// The chosen ones, as columns.
+    /// The chosen eigenvectors, as columns.
     pub fn matrix(&self) -> &DMatrix<f64> {
         &self.x
     }
 
-    /// The projection of a fixed generic vector onto each space, another for every `start`. It does not depend on the
-    /// bases of the spaces, which rounding chooses.
+    /// Initial choice: the projection of a fixed generic vector onto each subspace, different for every
+    /// `start`. It does not depend on the bases of the subspaces, which depend on rounding.
     pub fn start(&mut self, start: usize) {
         let mut j = 0;
         while j < self.poles.len() {
@@ -75,7 +74,7 @@ impl Eigenvectors {
     }
 
     fn set_pair(&mut self, j: usize, v: &DVector<C64>) {
-        // Both parts together have norm sqrt(2), so that a pair weighs as two real vectors do.
+        // Both parts together have norm sqrt(2), so that a pair has the weight of two real vectors.
         let v = v * C64::new(std::f64::consts::SQRT_2 / v.norm(), 0.0);
         self.x.set_column(j, &v.map(|c| c.re));
         self.x.set_column(j + 1, &v.map(|c| c.im));
@@ -102,7 +101,8 @@ impl Eigenvectors {
         Ok(s.max() / s.min())
     }
 
-    /// Raises the determinant until sweeps gain nothing to speak of, at most `limit` sweeps; returns their number.
+    /// Raises the determinant until sweeps bring no significant gain, at most `limit` sweeps; returns their
+    /// number.
     pub fn improve(&mut self, limit: usize) -> Result<usize, DecompositionError> {
         let n = self.poles.len();
         if n < 2 {
@@ -115,7 +115,7 @@ impl Eigenvectors {
                 self.update_single(0)?;
             }
             for i in 0..reals {
-                // Neighbours and, in turn, more distant partners.
+                // Neighbours, and more distant partners in turn.
                 let k = (i + 1 + (sweep - 1) % (reals - 1).max(1)) % reals;
                 if k != i {
                     self.update_real_pair(i.min(k), i.max(k))?;
@@ -138,7 +138,7 @@ impl Eigenvectors {
         d.diagonal().iter().map(|v| v.abs().max(f64::MIN_POSITIVE).ln()).sum()
     }
 
-    /// Orthonormal basis of what is orthogonal to all columns but those given.
+    /// Orthonormal basis of the complement of all columns but those given.
     fn complement(&self, skip: &[usize]) -> Result<DMatrix<f64>, DecompositionError> {
         let n = self.poles.len();
         let kept: Vec<usize> = (0..n).filter(|j| !skip.contains(j)).collect();
@@ -147,7 +147,7 @@ impl Eigenvectors {
         Ok(basis.columns(basis.ncols() - skip.len(), skip.len()).into_owned())
     }
 
-    /// One real vector: the projection of the others' normal onto its space (method 0).
+    /// Updates one real vector: the projection of the others' normal onto its subspace (method 0).
     fn update_single(&mut self, j: usize) -> Result<(), DecompositionError> {
         let normal = self.complement(&[j])?;
         let space = self.real_space(j);
@@ -158,8 +158,8 @@ impl Eigenvectors {
         Ok(())
     }
 
-    /// Two real vectors at once: with u1, u2 normal to the others, the determinant is bilinear in the two, and
-    /// the best pair is the leading singular pair.
+    /// Updates two real vectors at once: with u1, u2 normal to the others, the determinant is bilinear in the
+    /// two, and the best pair is the leading singular pair.
     fn update_real_pair(&mut self, i: usize, k: usize) -> Result<(), DecompositionError> {
         let u = self.complement(&[i, k])?;
         let skew = u.column(0) * u.column(1).transpose() - u.column(1) * u.column(0).transpose();
@@ -173,8 +173,8 @@ impl Eigenvectors {
         Ok(())
     }
 
-    /// A complex pair: the determinant is a Hermitian form in the vector's coordinates, and the best vector
-    /// belongs to its eigenvalue of largest magnitude.
+    /// Updates a complex pair: the determinant is a Hermitian form in the vector's coordinates, and the best
+    /// vector belongs to its eigenvalue of largest magnitude.
     fn update_complex(&mut self, j: usize) -> Result<(), DecompositionError> {
         let u = self.complement(&[j, j + 1])?;
         let skew = u.column(0) * u.column(1).transpose() - u.column(1) * u.column(0).transpose();
@@ -189,7 +189,7 @@ impl Eigenvectors {
         Ok(())
     }
 
-    /// The space of a real pole, which is real.
+    /// The subspace of a real pole, which is real.
     fn real_space(&self, j: usize) -> DMatrix<f64> {
         self.spaces[j].map(|v| v.re)
     }
@@ -199,7 +199,7 @@ impl Eigenvectors {
 /// singular vectors of the smallest singular values, more when more of these vanish.
 ///
 /// # Errors
-/// [`DecompositionError`] when the singular values of `a` cannot be had.
+/// [`DecompositionError`] when the singular values of `a` do not converge.
 pub fn null_space<T: ComplexField<RealField = f64>>(
     a: &DMatrix<T>,
     at_least: usize,

@@ -1,9 +1,10 @@
-//! Pole placement for several inputs, robust.
+//! Robust pole placement for several inputs.
 //!
-//! With more than one input the poles leave freedom in the eigenvectors; it is spent on making them as nearly
-//! orthogonal as can be, by raising the determinant of their matrix: Kautsky, Nichols and Van Dooren (Int. J.
-//! Control 41, 1985, method 0), with the globally convergent rank-2 updates of Tits and Yang (IEEE Trans. Autom.
-//! Control 41, 1996), which move two eigenvectors at once, a pair of real ones or a complex one and its conjugate.
+//! With more than one input the poles leave freedom in the eigenvectors; it is used to make them as nearly
+//! orthogonal as possible, by raising the determinant of their matrix: Kautsky, Nichols and Van Dooren (Int.
+//! J. Control 41, 1985, method 0), with the globally convergent rank-2 updates of Tits and Yang (IEEE Trans.
+//! Autom. Control 41, 1996), which move two eigenvectors at once, a pair of real ones or a complex one and
+//! its conjugate.
 
 mod eigenvectors;
 
@@ -13,38 +14,40 @@ use whirlstand_linalg::{C64, DecompositionError, Svd, complex, eigenvalues, sing
 
 use self::eigenvectors::{Eigenvectors, null_space};
 
-/// Directions in which the choice of eigenvectors is begun.
+/// Number of start directions for the choice of eigenvectors.
 const STARTS: usize = 16;
 
-/// Conditions that differ by less than this share of them are the same: rounding alone does not make less of a pole's
-/// sensitivity. Of results with the same condition the one with the least gain asks least of the inputs, which have limits.
+/// Relative difference below which two condition numbers are equal: so small a difference does not reduce a
+/// pole's sensitivity. Of results with equal condition the one with the smallest gain is chosen, because of
+/// the inputs' limits.
 const SAME_CONDITION: f64 = 0.01;
 
-/// A gain that places poles.
+/// Result of a pole placement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
     /// The gain K, m x n, of `u = -K x`.
     pub gain: DMatrix<f64>,
     /// Eigenvalues of `A - B K` as computed.
     pub poles: Vec<C64>,
-    /// Condition number of the matrix of unit eigenvectors: how far the poles move when the plant does.
+    /// Condition number of the matrix of unit eigenvectors: the sensitivity of the poles to changes of the
+    /// plant.
     pub condition: f64,
-    /// Sweeps over the eigenvectors.
+    /// Number of sweeps over the eigenvectors.
     pub sweeps: usize,
 }
 
-/// Why poles cannot be placed.
+/// Reason why poles cannot be placed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum PlaceError {
-    /// Wrong number of poles.
+    /// The number of poles is wrong.
     #[error("{got} poles are asked for, but the plant has {wanted} states; give one pole per state")]
     Count {
-        /// Asked for.
+        /// Number of poles given.
         got: usize,
-        /// States.
+        /// Number of states.
         wanted: usize,
     },
-    /// Matrices that do not fit, or NaN.
+    /// The matrices have incompatible shapes, or contain NaN.
     #[error("A has to be n x n and B n x m with n, m > 0, all finite; they are {a:?} and {b:?}")]
     Matrices {
         /// Shape of A.
@@ -52,13 +55,13 @@ pub enum PlaceError {
         /// Shape of B.
         b: (usize, usize),
     },
-    /// A pole without its conjugate, or NaN.
+    /// A pole has no conjugate, or is NaN.
     #[error("the pole {pole} comes without its complex conjugate, or is not finite; a real gain needs both")]
     NotConjugate {
         /// The pole.
         pole: C64,
     },
-    /// A pole repeated more often than B has rank.
+    /// A pole is repeated more often than B has rank.
     #[error(
         "the pole {pole} is asked for {times} times, but B has rank {rank}; a pole can be repeated at most that often, so \
          move the copies apart"
@@ -66,21 +69,21 @@ pub enum PlaceError {
     Multiplicity {
         /// The pole.
         pole: C64,
-        /// How often.
+        /// Number of repetitions.
         times: usize,
         /// Rank of B.
         rank: usize,
     },
-    /// A mode that no input moves.
+    /// A mode is uncontrollable.
     #[error(
         "the mode {mode} is not controllable, so it stays where it is; ask for it among the poles, or give the plant an \
          input that moves it"
     )]
     Uncontrollable {
-        /// The mode.
+        /// The uncontrollable mode.
         mode: C64,
     },
-    /// The eigenvectors stay dependent.
+    /// The eigenvectors are dependent.
     #[error("no independent set of eigenvectors was found for these poles; move them apart")]
     Defective,
     /// The eigenvalue iteration failed.
@@ -88,7 +91,8 @@ pub enum PlaceError {
     Eigenvalues(#[from] DecompositionError),
 }
 
-/// Gain K (m x n) such that `A - B K` has the given eigenvalues, as insensitive as the inputs allow.
+/// Gain K (m x n) such that `A - B K` has the given eigenvalues, with the lowest sensitivity that the inputs
+/// allow.
 ///
 /// A is n x n, B n x m; `poles` are n complex numbers closed under conjugation, none repeated more often than
 /// the rank of B. They are eigenvalues of the matrix as it stands: 1/s for a continuous A, inside the unit circle
@@ -97,7 +101,7 @@ pub enum PlaceError {
 /// Method and sources: see the [module](self).
 ///
 /// # Errors
-/// [`PlaceError`] says which pole or mode stands in the way.
+/// [`PlaceError`], which names the pole or mode that prevents the placement.
 ///
 /// ```
 /// use nalgebra::{Complex, dmatrix};
@@ -138,7 +142,8 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
         let gain = &weights * range.transpose() * (a - closed);
         gain.iter().all(|v| v.is_finite()).then_some(gain)
     };
-    // The determinant has local maxima, and at the best of them it is often flat: starts in different directions show both.
+    // The determinant has local maxima, and is often flat at the best of them: several start directions
+    // handle both.
     let starts = if free && rank < n { STARTS } else { 1 };
     let mut found: Vec<(f64, DMatrix<f64>)> = Vec::new();
     let mut sweeps = 0;
@@ -156,7 +161,8 @@ pub fn place(a: &DMatrix<f64>, b: &DMatrix<f64>, poles: &[C64]) -> Result<Placem
     Ok(Placement { gain, poles: placed, condition, sweeps })
 }
 
-/// Real poles in order, then pairs, positive imaginary part first; the pairs made exact.
+/// Sorts the poles: real ones, then pairs with the positive imaginary part first; pairs are made exactly
+/// conjugate.
 fn conjugates_paired(poles: &[C64]) -> Result<Vec<C64>, PlaceError> {
     if let Some(p) = poles.iter().find(|p| !p.re.is_finite() || !p.im.is_finite()) {
         return Err(PlaceError::NotConjugate { pole: *p });
@@ -189,9 +195,9 @@ fn check_multiplicity(poles: &[C64], rank: usize) -> Result<(), PlaceError> {
     Ok(())
 }
 
-/// The poles with those of uncontrollable modes (Popov, Belevitch and Hautus' test at every eigenvalue of A) where these
-/// modes are to the last digit: they stay there whatever the gain, and a gain for a difference of rounding would be
-/// rounding divided by rounding.
+/// The poles with those of uncontrollable modes (Popov-Belevitch-Hautus test at every eigenvalue of A)
+/// replaced by the exact values of these modes: they are independent of the gain, and a gain for a rounding
+/// difference would be rounding divided by rounding.
 fn with_uncontrollable_modes(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
@@ -212,11 +218,11 @@ fn with_uncontrollable_modes(
     conjugates_paired(&poles)
 }
 
-/// For each eigenvalue of A, the smallest singular value of `[A - lambda I, B]` over the norm of `[A, B]` with
-/// the columns of B scaled alike: how far the mode is from being uncontrollable.
+/// For each eigenvalue of A, the smallest singular value of `[A - lambda I, B]` over the norm of `[A, B]`
+/// with the columns of B scaled alike: the distance of the mode from being uncontrollable.
 ///
 /// # Errors
-/// [`DecompositionError`] when the eigenvalues of A cannot be had.
+/// [`DecompositionError`] when the eigenvalues of A do not converge.
 pub fn uncontrollability(a: &DMatrix<f64>, b: &DMatrix<f64>) -> Result<Vec<(C64, f64)>, DecompositionError> {
     let (n, m) = b.shape();
     let norm_a = a.norm();

@@ -31,33 +31,33 @@ pub struct Riccati {
     pub relative_residual: f64,
 }
 
-/// Why a Riccati equation was not solved.
+/// Reason why a Riccati equation was not solved.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum RiccatiError {
-    /// Matrices that do not fit each other.
+    /// The matrices have incompatible shapes.
     #[error("{what} is {rows} x {columns}, but {wanted_rows} x {wanted_columns} is needed")]
     Shape {
-        /// The matrix.
+        /// Name of the matrix.
         what: &'static str,
-        /// Its rows.
+        /// Its number of rows.
         rows: usize,
-        /// Its columns.
+        /// Its number of columns.
         columns: usize,
-        /// Rows needed.
+        /// Number of rows needed.
         wanted_rows: usize,
-        /// Columns needed.
+        /// Number of columns needed.
         wanted_columns: usize,
     },
-    /// NaN or infinity.
+    /// A matrix contains NaN or infinity.
     #[error("{what} has an entry that is not finite")]
     NotFinite {
-        /// The matrix.
+        /// Name of the matrix.
         what: &'static str,
     },
     /// A weight that is not symmetric.
     #[error("{what} is not symmetric; weights have to be")]
     NotSymmetric {
-        /// The matrix.
+        /// Name of the matrix.
         what: &'static str,
     },
     /// The input weight cannot be inverted.
@@ -69,9 +69,9 @@ pub enum RiccatiError {
          weight Q does not see a mode on the stability boundary (largest closed-loop {measure} is {value:.6e})"
     )]
     NoStabilisingSolution {
-        /// `real part` or `magnitude`.
+        /// Measure of stability: `real part` or `magnitude`.
         measure: &'static str,
-        /// Its value.
+        /// Value of the measure.
         value: f64,
     },
     /// The eigenvalue iteration failed.
@@ -79,7 +79,7 @@ pub enum RiccatiError {
     Eigenvalues(#[from] DecompositionError),
 }
 
-/// Checks shapes, finiteness and symmetry; returns the cross term, zero when there is none.
+/// Checks shapes, finiteness and symmetry; returns the cross term, zero without one.
 fn checked(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,

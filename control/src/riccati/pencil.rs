@@ -1,4 +1,5 @@
-//! What both equations share: scaling, compression of the extended pencil, and the graph of its stable subspace.
+//! Common parts of both equations: scaling, compression of the extended pencil, and the graph of its stable
+//! subspace.
 
 use nalgebra::DMatrix;
 use whirlstand_linalg::{
@@ -19,7 +20,8 @@ pub struct Scaled {
 }
 
 impl Scaled {
-    /// Scales by powers of two found by balancing `magnitude`, the entrywise size of the (2n + m) square pencil.
+    /// Scaling by powers of two found by balancing `magnitude`, the entrywise size of the (2n + m) square
+    /// pencil.
     pub fn new([a, b, q, r, s]: [&DMatrix<f64>; 5], magnitude: &DMatrix<f64>) -> Self {
         let (n, m) = (a.nrows(), b.ncols());
         let mut without_diagonal = magnitude.clone();
@@ -38,7 +40,7 @@ impl Scaled {
         }
     }
 
-    /// The solution of the equation as it was before scaling.
+    /// Transforms a solution of the scaled equation back.
     pub fn unscale(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
         DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| x[(i, j)] / (self.d[i] * self.d[j]))
     }
@@ -84,7 +86,7 @@ pub fn stable_graph(
     Ok(symmetric_part(&xt.transpose().map(|v| v.re)))
 }
 
-/// Newton's method in correction form: adds `correction(x)` for as long as that at least halves the residual.
+/// Newton's method in correction form: adds `correction(x)` as long as that at least halves the residual.
 pub fn refine(
     mut x: DMatrix<f64>,
     residual: impl Fn(&DMatrix<f64>) -> f64,
@@ -102,7 +104,7 @@ pub fn refine(
         if then < now {
             (x, now) = (next, then);
         }
-        // NaN is not enough either.
+        // NaN ends the refinement too.
         if !enough {
             break;
         }

@@ -1,4 +1,4 @@
-//! What both equations share: from the pencil over its stable subspace to a polished solution.
+//! Common solver of both equations: from the pencil over its stable subspace to a refined solution.
 
 use nalgebra::DMatrix;
 use whirlstand_linalg::{C64, eigenvalues, symmetric_part};
@@ -16,31 +16,31 @@ pub struct Data<'a> {
     pub s: &'a DMatrix<f64>,
 }
 
-/// What one of the two equations has for itself.
+/// Parts that differ between the two equations.
 pub trait Equation {
-    /// What is said of a pole that is not stable, and the size of it at the boundary of stability.
+    /// Measure of a pole's stability: its name, and its value at the stability boundary.
     const MEASURE: (&'static str, f64);
 
     /// The extended pencil, (2n + m) square.
     fn pencil(data: Data<'_>) -> (DMatrix<f64>, DMatrix<f64>);
 
-    /// Rank of an eigenvalue alpha / beta of the pencil; smaller is more stable.
+    /// Sort key of an eigenvalue alpha / beta of the pencil; smaller is more stable.
     fn rank(alpha: C64, beta: C64) -> f64;
 
-    /// Size of a pole of the closed loop, to be compared with [`Self::MEASURE`].
+    /// Measure of a closed-loop pole, to be compared with [`Self::MEASURE`].
     fn size(pole: &C64) -> f64;
 
-    /// The gain that belongs to `x`; none where the weight of the inputs is singular.
+    /// The gain for `x`; none where the weight of the inputs is singular.
     fn gain(data: Data<'_>, x: &DMatrix<f64>) -> Option<DMatrix<f64>>;
 
-    /// Left side of the equation, given the gain that belongs to `x`.
+    /// Left-hand side of the equation for `x` and its gain.
     fn left_side(data: Data<'_>, gain: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64>;
 
-    /// Newton's correction: the linear matrix equation of the closed loop.
+    /// Newton correction: solves the linear matrix equation of the closed loop.
     fn correction(closed: &DMatrix<f64>, left_side: &DMatrix<f64>) -> Option<DMatrix<f64>>;
 }
 
-/// Solves an equation whose matrices have been checked.
+/// Solves an equation with checked matrices.
 pub fn solve<E: Equation>(data: Data<'_>) -> Result<Riccati, RiccatiError> {
     let Data { a, b, q, r, s } = data;
     let (h, j) = E::pencil(data);

@@ -1,4 +1,5 @@
-//! Causes as the answer tells them: what the search accepted, what single samples show, and what is random.
+//! Builds the list of causes in the answer: terms that the search accepted, effects on single samples, and
+//! random causes.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +16,7 @@ use crate::search::selection::Accepted;
 use crate::stages::findings::{Findings, estimates};
 use crate::thresholds::RIVAL_BIC;
 
-/// What is said of everything random: it has no path that a simulation could repeat.
+/// Note of every random cause: it has no realisation that a simulation could reproduce.
 const RANDOM: &str = "the simulation can match the flight statistically, but not sample by sample";
 
 /// All causes, those of the largest gain first.
@@ -33,7 +34,7 @@ pub(crate) fn causes(findings: &Findings<'_>) -> Vec<Cause> {
     all
 }
 
-/// Gives every parameter of a cause its unit at the cause's place.
+/// Sets the SI unit of every parameter of a cause, which depends on the place of the cause.
 fn fill_units(cause: &mut Cause, vehicle: &Vehicle) {
     let unit = |effect: &str, place: &str, name: &str| {
         let kind = Kind::from_name(effect).ok()?;
@@ -51,12 +52,12 @@ fn fill_units(cause: &mut Cause, vehicle: &Vehicle) {
     }
 }
 
-/// Name of the output that a channel measures.
+/// Name of the vehicle output that a measured channel records.
 fn output_name(findings: &Findings<'_>, channel: usize) -> String {
     findings.baseline.vehicle().outputs[findings.baseline.data().channels[channel].output].name.clone()
 }
 
-/// A term of the search, with its rivals.
+/// The cause in the answer for one accepted term of the search, with its rivals.
 fn accepted_cause(findings: &Findings<'_>, term: usize, accepted: &Accepted) -> Cause {
     let candidate = &findings.residual.selection.model.terms[term];
     let look_alike = |rival: &crate::search::acceptance::Rival| {
@@ -177,7 +178,7 @@ fn narrow_band_cause(findings: &Findings<'_>, found: &NarrowBand) -> Cause {
     cause
 }
 
-/// Aliases of a tone, and its source where ground records tell it.
+/// Notes on a tone: its aliases, and its source where records on the ground show it.
 fn tone_notes(findings: &Findings<'_>, cause: &mut Cause) {
     let (data, vehicle) = (findings.baseline.data(), findings.baseline.vehicle());
     let options = findings.baseline.checked.loaded.options;
@@ -216,7 +217,7 @@ fn sample_cause(findings: &Findings<'_>, effect: &SampleEffect) -> Cause {
     }
 }
 
-/// Share of the residual's power, over the noise, that goes when a term is added to the others.
+/// Reduction of the residual's power beyond the noise when a term is added to all others, as a share.
 fn share(findings: &Findings<'_>, term: usize) -> f64 {
     let data = findings.baseline.data();
     let selection = &findings.residual.selection;

@@ -1,4 +1,4 @@
-//! The answer: findings put into figures and sentences.
+//! Composes the answer: turns findings into figures and sentences.
 
 use std::collections::BTreeMap;
 
@@ -49,7 +49,7 @@ fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
     }
 }
 
-/// The answer when the given vehicle has no prediction of the record.
+/// The answer when the given vehicle has no valid prediction of the record.
 pub(crate) fn no_prediction(checked: &Checked<'_>, why: ModelError) -> Diagnosis {
     let mut answer = empty_answer(checked);
     let vehicle = &checked.loaded.vehicle.name;
@@ -72,7 +72,7 @@ pub(crate) fn no_prediction(checked: &Checked<'_>, why: ModelError) -> Diagnosis
     answer
 }
 
-/// The answer.
+/// Composes the answer from all findings.
 pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     let (data, vehicle) = (findings.baseline.data(), findings.baseline.vehicle());
     let mut answer = empty_answer(&findings.baseline.checked);
@@ -89,7 +89,7 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
         answer.unexplained.description = remainder::beside(&answer.outputs, answer.heldout.horizon_s);
     }
     let mut doubts = doubts::doubts(&answer.causes, &findings);
-    // What explains a record, or is like it, tells what comes.
+    // Advice on extrapolation is only given for an explained or a consistent record.
     let claims = matches!(answer.verdict, Verdict::Explained | Verdict::Consistent);
     if let Some(unforeseen) = claims.then(|| unforeseen(&findings, data, answer.verdict)).flatten() {
         if answer.verdict == Verdict::Consistent {
@@ -102,7 +102,7 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     if answer.verdict == Verdict::Explained && !doubts.is_empty() {
         answer.verdict = Verdict::PartlyExplained;
     }
-    // What was not looked for may be there, and may be what was not explained.
+    // An incomplete search cannot claim that the record is consistent or that a part stays unexplained.
     if answer.partial && matches!(answer.verdict, Verdict::Consistent | Verdict::Unexplained) {
         answer.verdict = Verdict::Inconclusive;
     }
@@ -114,7 +114,7 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer
 }
 
-/// Gains of the outputs on the part of the record that was held out.
+/// Fit and error of each output on the held-out part of the record, by output name.
 fn outputs(findings: &Findings<'_>) -> BTreeMap<String, OutputGain> {
     let channels = findings.baseline.data().channels.iter().zip(&findings.gains.channels);
     let gain = channels.map(|(channel, gain)| {
@@ -138,7 +138,7 @@ fn outputs(findings: &Findings<'_>) -> BTreeMap<String, OutputGain> {
     gain.collect()
 }
 
-/// Effects that are not causes, those of the largest gain first: refused by the search, taken back, and rivals.
+/// Effects that are not causes, largest gain first: refused by the search, withdrawn afterwards, and rivals.
 fn rejected(findings: &Findings<'_>, causes: &[Cause]) -> Vec<Rejected> {
     let selection = &findings.residual.selection;
     let rejection = |candidate: &Candidate, delta_bic: f64, why: String| Rejected {
@@ -196,15 +196,16 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
     }
 }
 
-/// Why a model is no explanation.
+/// Reason for not calling a model with causes an explanation.
 const UNFORESEEN: &str =
     "held-out data are predicted no better than by the mean or the last value at any horizon";
 
-/// What the vehicle with all causes does not predict of held-out data: anything, or an output of a record that it is to be like.
+/// The held-out outputs that the vehicle with all causes fails to predict: all of them, or single outputs of
+/// a record that is to be called consistent.
 fn unforeseen(findings: &Findings<'_>, data: &Data, verdict: Verdict) -> Option<String> {
     let selection = &findings.residual.selection;
     let Ok(vehicle) = selection.model.vehicle(&selection.fit.values) else { return Some(UNFORESEEN.into()) };
-    // Of what nothing was fitted to, all is held out.
+    // A model in which nothing was fitted is validated on the whole record.
     let fitted = !selection.model.free.is_empty() || !selection.model.terms.is_empty();
     let from = if fitted { findings.gains.cut } else { 0 };
     let found = screen::foresight(&vehicle, data, from, verdict == Verdict::Consistent);
@@ -223,12 +224,13 @@ fn unforeseen(findings: &Findings<'_>, data: &Data, verdict: Verdict) -> Option<
     })
 }
 
-/// True when what is left is no noise.
+/// True when the final residual is significantly not noise.
 fn lacks_fit(findings: &Findings<'_>) -> bool {
     findings.residual.lack.as_ref().is_some_and(LackOfFit::is_significant)
 }
 
-/// True when what is left is no noise, louder than the vehicle file declares it, or goes with an input.
+/// True when the final residual is not noise, exceeds the noise that the vehicle file declares, or correlates
+/// with an input.
 fn leaves_more_than_noise(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> bool {
     let residual = &findings.residual.selection.fit.residual;
     let noise = &findings.residual.selection.fit.profile.noise;
@@ -241,20 +243,20 @@ fn leaves_more_than_noise(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     loud || lacks_fit(findings) || remainder::structured(findings, data)
 }
 
-/// True when most of what could be wrong would not have shown.
+/// True when most effects of the table would not be detectable in this record.
 fn hardly_testable(findings: &Findings<'_>, answer: &Diagnosis) -> bool {
     let weighed = findings.residual.selection.refused.len();
     let untestable: usize = answer.not_testable.iter().map(|n| n.effects).sum();
     2 * untestable > weighed && weighed > 0
 }
 
-/// True when the vehicle makes the record no likelier than one that no command moves.
+/// True when the vehicle makes the record no more likely than the same vehicle without commands.
 fn commands_tell_nothing(data: &Data, vehicle: &Vehicle) -> bool {
     let all: Vec<usize> = (0..data.m).collect();
     gain_of_inputs(vehicle, data, &all).is_some_and(|gain| gain < MIN_BIC_GAIN)
 }
 
-/// The verdict in a sentence; of a search that was ended early, that comes first.
+/// The verdict in one sentence. Of a search that was stopped early, that is said first.
 fn summary(answer: &Diagnosis) -> String {
     let whole = whole_summary(answer);
     if answer.partial { format!("Partial, as the search was ended early. {whole}") } else { whole }
@@ -313,7 +315,7 @@ fn whole_summary(answer: &Diagnosis) -> String {
     }
 }
 
-/// A parameter with its interval and its unit.
+/// Text of a parameter with its interval and its unit.
 fn interval(name: &str, p: &Estimate) -> String {
     let unit = p.unit.symbol();
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };

@@ -1,10 +1,10 @@
-//! How the errors of the causes' parameters hang together.
+//! Correlations of the estimation errors of the causes' parameters.
 
 use super::schema::{Correlation, ParameterPlace};
 use crate::stages::findings::Findings;
 
-/// Correlations of all parameters that were fitted, each pair once (Cramer and Rao, at the fit). None where the record does not
-/// determine them.
+/// Correlations of the errors of all fitted parameters, each pair once (Cramer-Rao bound at the fit). Empty
+/// where the record does not determine them.
 pub(crate) fn correlations(findings: &Findings<'_>) -> Vec<Correlation> {
     let (model, fit) = (&findings.residual.selection.model, &findings.residual.selection.fit);
     let Ok(covariance) = model.covariance(fit) else { return Vec::new() };

@@ -1,4 +1,4 @@
-//! Clouds and lines of which evidence is drawn.
+//! Point clouds and lines of the evidence plots.
 
 use crate::thresholds::{AXIS_PARTS, CLOUD_POINTS, STEP_RESPONSE_LAGS, STEP_RESPONSE_MOVES};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -6,14 +6,15 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use crate::answer::schema::Points;
 use crate::model::columns::dot;
 
-/// Every so many points, so that a cloud stays small.
+/// Keeps every n-th point, so that a cloud stays small.
 pub fn thinned(x: &[f64], y: &[f64]) -> Points {
     let every = x.len().div_ceil(CLOUD_POINTS).max(1);
     let keep = |v: &[f64]| v.iter().step_by(every).copied().collect();
     (keep(x), keep(y))
 }
 
-/// Means over equal parts of the x axis, of points that `wanted` asks for; parts with few points are left out.
+/// Means over equal parts of the x axis, of the points for which `wanted` is true. Parts with few points are
+/// left out.
 pub fn binned(x: &[f64], y: &[f64], wanted: impl Fn(usize) -> bool) -> Points {
     let (low, high) = ends(x);
     let width = (high - low) / AXIS_PARTS as f64;
@@ -31,13 +32,13 @@ pub fn binned(x: &[f64], y: &[f64], wanted: impl Fn(usize) -> bool) -> Points {
     sums.iter().filter(|s| s.0 >= least).map(|(n, x, y)| (x / *n as f64, y / *n as f64)).unzip()
 }
 
-/// Least and greatest value.
+/// Smallest and largest value.
 pub fn ends(values: &[f64]) -> (f64, f64) {
     let finite = values.iter().copied().filter(|v| v.is_finite());
     finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)))
 }
 
-/// One line after the other, with a gap between.
+/// Concatenates two lines, separated by a NaN gap.
 pub fn joined(mut a: Points, b: Points) -> Points {
     a.0.push(f64::NAN);
     a.1.push(f64::NAN);
@@ -46,30 +47,31 @@ pub fn joined(mut a: Points, b: Points) -> Points {
     a
 }
 
-/// How a step response is taken: from moves of the input over `every` steps, at `lags` distances.
+/// Settings of a step response estimate: from changes of the input over `every` steps, at `lags` lags.
 pub struct Steps {
     every: usize,
     lags: usize,
     channels: usize,
-    /// What the model answers to the moves, each channel over its noise.
+    /// Model response to the input changes, each channel divided by its noise.
     answers: Vec<f64>,
     noise: Vec<f64>,
     factor: Cholesky<f64, Dyn>,
 }
 
 impl Steps {
-    /// Steps between the lags for a response that lasts `reach` steps.
+    /// Number of steps between two lags of a step response that lasts `reach` steps.
     pub fn every(reach: usize) -> usize {
         reach.div_ceil(STEP_RESPONSE_LAGS).max(1)
     }
 
-    /// Moves of an input over `every` steps.
+    /// Changes of an input over `every` steps.
     pub fn moves(u: &[f64], every: usize) -> Vec<f64> {
         (0..u.len()).map(|k| if k >= every { u[k] - u[k - every] } else { 0.0 }).collect()
     }
 
-    /// `answers` are what the model answers to the moves, channels side by side, `noise` that of each channel. `None`
-    /// when the record is short or the moves tell nothing.
+    /// `answers` are the model's responses to the input changes, channels side by side; `noise` is the
+    /// standard deviation of each channel. `None` when the record is short or the changes carry no
+    /// information.
     pub fn new(reach: usize, mut answers: Vec<f64>, noise: &[f64]) -> Option<Self> {
         let (every, channels) = (Self::every(reach), noise.len());
         let lags = (reach / every).max(4);
@@ -99,7 +101,7 @@ impl Steps {
         if information_sum.is_nan() || information_sum <= 0.0 {
             return None;
         }
-        // The first share is anything from 0 to 1, the next ones are near it.
+        // The first share is anything from 0 to 1; each next share is close to the one before.
         let weight = 1.0 / (STEP_RESPONSE_MOVES * STEP_RESPONSE_MOVES);
         information[(0, 0)] += 1.0;
         for i in 1..lags {
@@ -112,19 +114,20 @@ impl Steps {
         Some(steps)
     }
 
-    /// Steps that make equations; a long record has more than are needed.
+    /// Steps that each give an equation of the estimate; a long record is subsampled.
     fn rows(&self) -> impl Iterator<Item = usize> + use<> {
         let n = self.answers.len() / self.channels;
         (self.lags * self.every..n).step_by(n.div_ceil(8000).max(1))
     }
 
-    /// The answers so many lags before a step.
+    /// The model responses `lag` lags before step `k`.
     fn past(&self, k: usize, lag: usize) -> &[f64] {
         let at = (k - lag * self.every) * self.channels;
         &self.answers[at..at + self.channels]
     }
 
-    /// The share of a step that has arrived after a time, where `residual` (channels side by side) is what is missing.
+    /// The share of a step that has arrived as a function of time, estimated from the missing response
+    /// `residual` (channels side by side).
     pub fn arrived(&self, residual: &[f64], period_s: f64) -> Points {
         let mut right: DVector<f64> = DVector::zeros(self.lags);
         for k in self.rows() {
@@ -141,7 +144,7 @@ impl Steps {
     }
 }
 
-/// The gain by which `u + more` follows `u`, in equal parts of the record.
+/// Gain of `u + more` with respect to `u`, in equal parts of the record.
 pub fn gains(t: &[f64], u: &[f64], more: &[f64]) -> Points {
     let part = (t.len() / 16).max(1);
     let parts = t.chunks(part).zip(u.chunks(part)).zip(more.chunks(part));
@@ -153,7 +156,7 @@ pub fn gains(t: &[f64], u: &[f64], more: &[f64]) -> Points {
     parts.filter_map(gain).unzip()
 }
 
-/// The `length` steps over which a difference is largest.
+/// The window of `length` steps in which a difference has the largest power.
 pub fn loudest(difference: &[f64], length: usize) -> std::ops::Range<usize> {
     let length = length.clamp(1, difference.len().max(1)).min(difference.len());
     let mut sum: f64 = difference[..length].iter().map(|d| d * d).sum();
@@ -175,7 +178,7 @@ mod tests {
     fn a_late_step_arrives_late() {
         let u: Vec<f64> = (0..2000).map(|k| f64::from((k * k / 97) % 5 - 2)).collect();
         let late: Vec<f64> = (0..2000).map(|k| if k < 8 { 0.0 } else { u[k - 8] } - u[k]).collect();
-        // A model that shows the input itself.
+        // A model whose output is the input itself.
         let steps = Steps::new(20, Steps::moves(&u, Steps::every(20)), &[0.05]).unwrap();
         let (t, share) = steps.arrived(&late, 0.1);
         for (t, share) in t.iter().zip(&share) {

@@ -1,4 +1,4 @@
-//! Causes that are found and may be something else: values at the end of their range, and factors that are ratios of units.
+//! Doubts about causes: values at the end of their range, and factors that equal a ratio of units.
 
 use whirlstand_logs::shown::number;
 use whirlstand_vehicle::Kind;
@@ -8,7 +8,7 @@ use crate::candidates::Candidate;
 use crate::stages::findings::Findings;
 use crate::thresholds::{AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, UNIT_RATIOS};
 
-/// What speaks against taking the causes for the explanation, in sentences.
+/// Sentences on what speaks against accepting the causes as the explanation.
 pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
     let selection = &findings.residual.selection;
     let mut doubts = Vec::new();
@@ -19,12 +19,12 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
     doubts
 }
 
-/// That sizes of a cause end at the limit of what they may be.
+/// Doubts about sizes of a cause that ended at a limit of their range.
 fn at_limits(candidate: &Candidate, values: &[f64]) -> impl Iterator<Item = String> {
     candidate.tunables.iter().zip(values).filter(|(t, _)| t.size).filter_map(|(tunable, value)| {
         let near = AT_LIMIT_SHARE * (tunable.upper - tunable.lower);
         let end = [tunable.lower, tunable.upper].into_iter().find(|end| (value - end).abs() < near)?;
-        // Nothing at all is the natural end of a size: there, the effect is not named.
+        // The end of a range at which the effect vanishes is not a limit to warn of.
         (end != candidate.null).then(|| {
             format!(
                 "{} of {} on {} is at the limit of its allowed range, {}: the record calls for more than this effect can provide",
@@ -37,7 +37,7 @@ fn at_limits(candidate: &Candidate, values: &[f64]) -> impl Iterator<Item = Stri
     })
 }
 
-/// That a factor is the ratio of two units.
+/// Doubt about a factor that equals the ratio of two units.
 fn unit(cause: &Cause) -> Option<String> {
     let scale = [Kind::InputGain, Kind::SensorScale].iter().any(|k| k.name() == cause.effect);
     let factor = cause.parameters.get("factor").filter(|_| scale)?;
@@ -104,7 +104,8 @@ mod tests {
         let told = doubted("input_gain", 57.0, 57.6).unwrap();
         assert!(told.contains("input_gain on u_roll is the ratio of two units, 57.3"), "{told}");
         assert!(doubted("sensor_scale", 0.0174, 0.0175).is_some(), "a radian in degrees");
-        // 1 / 3.6 is also what a weak actuator may have: only an estimate that chance would hardly lead there is doubted.
+        // 1 / 3.6 can also be a weak actuator: only an estimate that would hardly be so close by chance is
+        // doubted.
         assert!(doubted("input_gain", 0.27, 0.29).is_some());
         assert!(doubted("input_gain", 0.2, 0.35).is_none());
         assert!(doubted("input_gain", 57.4, 58.0).is_none() && doubted("input_gain", 1.9, 2.1).is_none());

@@ -1,4 +1,4 @@
-//! The signals of a diagnosis for the report: runs before and after, and what shows each cause.
+//! Signals of a diagnosis for the report: predictions before and after, and an evidence curve per cause.
 
 use crate::thresholds::REJECTED_SHOWN;
 use rayon::prelude::*;
@@ -49,7 +49,7 @@ pub(crate) fn figures(findings: &Findings<'_>, answer: &Diagnosis) -> Figures {
     }
 }
 
-/// Samples of a channel on the grid of all.
+/// Samples of a channel on the common grid of all channels, NaN in between.
 fn spread(data: &Data, channel: &Channel, samples: &[f64]) -> Vec<f64> {
     let mut all = vec![f64::NAN; data.steps];
     for (k, value) in samples.iter().enumerate() {
@@ -58,10 +58,10 @@ fn spread(data: &Data, channel: &Channel, samples: &[f64]) -> Vec<f64> {
     all
 }
 
-/// A cause to be shown: without it, with it, and with its nearest rejected rival in its place.
+/// A cause to plot: predictions without it, with it, and with its nearest rejected rival in its place.
 struct Case<'c> {
     candidate: &'c Candidate,
-    /// Values of the model that has the candidate last or at its place, and the model.
+    /// The model that contains the candidate, and its parameter values.
     model: Model<'c, 'c>,
     values: Vec<f64>,
     without: Vec<f64>,
@@ -86,12 +86,12 @@ fn evidence(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Vec<Evid
     curves.extend(samples.filter_map(|effect| evidence_random::samples(effect, data, vehicle)));
     let noisy = residual.noise.iter();
     curves.extend(noisy.map(|(channel, _)| evidence_random::noise(*channel, findings, data, vehicle)));
-    // Accepted ones first.
+    // Accepted causes come before rejected ones.
     curves.sort_by_key(|c| !c.accepted);
     curves
 }
 
-/// The accepted causes, each beside all others, with its nearest rejected rival.
+/// The accepted causes, each fitted beside all others, with its nearest rejected rival.
 fn accepted<'c>(selection: &'c Selection<'_, '_>) -> impl Iterator<Item = Case<'c>> {
     let (model, fit) = (&selection.model, &selection.fit);
     model.terms.iter().zip(&selection.accepted).enumerate().filter_map(|(term, (candidate, accepted))| {
@@ -118,7 +118,7 @@ fn accepted<'c>(selection: &'c Selection<'_, '_>) -> impl Iterator<Item = Case<'
     })
 }
 
-/// What shows a cause; `None` where nothing can be drawn.
+/// The evidence curve of a cause; `None` where nothing can be drawn.
 fn drawn(case: &Case<'_>, data: &Data, vehicle: &Vehicle, noise: &[f64]) -> Option<EvidenceCurve> {
     let (model, values) = (&case.model, &case.values);
     let states = model.free_run.run_states(&model.vehicle(values).ok()?, &values[..model.states()]).ok()?;
@@ -140,7 +140,7 @@ fn drawn(case: &Case<'_>, data: &Data, vehicle: &Vehicle, noise: &[f64]) -> Opti
     Some(curve)
 }
 
-/// The nearest causes that were refused, each beside the terms that it was fitted with.
+/// The nearest refused candidates, each with the terms that it was fitted beside.
 fn rejected<'c>(selection: &'c Selection<'_, '_>) -> impl Iterator<Item = Case<'c>> {
     let tried = selection.refused.iter().filter_map(|t| Some((t, t.values.as_ref()?)));
     tried.take(REJECTED_SHOWN).filter_map(|(refused, values)| {
@@ -175,7 +175,7 @@ mod tests {
     use crate::search::select::select;
     use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
-    /// A search may end with other terms than those that a refused cause was fitted with.
+    /// The search may end with other terms than those beside which a refused cause was fitted.
     #[test]
     fn a_refused_cause_is_shown_beside_the_terms_of_its_own_fit() {
         let vehicle = Vehicle::builtin("quadrotor").unwrap();

@@ -1,4 +1,4 @@
-//! What shows a cause: for every effect the axes on which an engineer sees it before reading its name.
+//! Evidence curve of each effect, on the axes on which an engineer recognises it.
 
 mod sensors;
 
@@ -10,23 +10,24 @@ use crate::answer::schema::{Axis, EvidenceCurve, Points};
 use crate::data::record::Data;
 use crate::model::input_reconstruction::{Entry, answers, reconstruct, spread};
 
-/// A cause and what it changes.
+/// Input of an evidence plot: a cause and the predictions that it changes.
 pub(crate) struct PlotInput<'s> {
     pub data: &'s Data,
     pub vehicle: &'s Vehicle,
     /// Standard deviation of the noise of each channel.
     pub noise: &'s [f64],
-    /// States over the steps of the record, with the cause.
+    /// States over the steps of the record, predicted with the cause.
     pub states: Vec<Vec<f64>>,
     /// Predicted samples without the cause.
     pub without: &'s [f64],
-    /// With it.
+    /// Predicted samples with the cause.
     pub with: &'s [f64],
-    /// With a rival in its place.
+    /// Predicted samples with a rival in place of the cause.
     pub rival: Option<&'s [f64]>,
 }
 
-/// What is missing at a place over the steps of a record: by the cause, by the record, by the rival.
+/// Input or force missing at a place over the steps of a record: according to the cause, the record and the
+/// rival.
 struct Traces {
     explained: Vec<f64>,
     measured: Vec<f64>,
@@ -63,7 +64,8 @@ impl Lines {
     }
 }
 
-/// What shows an effect; name, and name of the rival, are left to the caller. `None` when nothing can be drawn.
+/// The evidence curve of an effect; the caller fills in the names of the cause and of the rival. `None` when
+/// nothing can be drawn.
 pub(crate) fn evidence_plot(shown: &PlotInput<'_>, effect: &Effect) -> Option<EvidenceCurve> {
     let parameter = |name: &str| effect.parameter(name).unwrap_or(0.0);
     let special = match (effect.kind(), effect.resolve(shown.vehicle).ok()?) {
@@ -124,7 +126,7 @@ impl PlotInput<'_> {
         (0..self.data.steps).map(|k| self.data.start_s + k as f64 * self.data.period_s).collect()
     }
 
-    /// What arrives against what was sent.
+    /// Static characteristic of an actuator: effective input against commanded input.
     fn characteristic(&self, j: usize, kind: Kind) -> Option<EvidenceCurve> {
         let traces = self.traces(Entry::Input(j))?;
         let (u, name, unit) = self.input(j);
@@ -147,11 +149,12 @@ impl PlotInput<'_> {
         })
     }
 
-    /// What an input lacks on its way up and on its way down.
+    /// Difference between effective and commanded input, separately for rising and for falling commands
+    /// (backlash).
     fn play(&self, j: usize) -> Option<EvidenceCurve> {
         let traces = self.traces(Entry::Input(j))?;
         let (u, name, unit) = self.input(j);
-        // Where the input rests, the last move counts.
+        // Where the input is constant, the direction of the last change counts.
         let mut up = vec![false; u.len()];
         for k in 1..u.len() {
             up[k] = if u[k] == u[k - 1] { up[k - 1] } else { u[k] > u[k - 1] };
@@ -169,7 +172,7 @@ impl PlotInput<'_> {
         })
     }
 
-    /// The share of a step that has arrived after a time.
+    /// Step response of an actuator: the share of a commanded step that has arrived as a function of time.
     fn arrival(&self, j: usize, reach_s: f64) -> Option<EvidenceCurve> {
         let (u, name, _) = self.input(j);
         let period = self.data.period_s;
@@ -194,11 +197,12 @@ impl PlotInput<'_> {
         })
     }
 
-    /// The input as it arrives, where it matters most.
+    /// Commanded and effective input over the time window in which they differ most.
     fn following(&self, j: usize) -> Option<EvidenceCurve> {
         let (u, name, unit) = self.input(j);
         let t = self.time();
-        // The whole input is traced back, not only what is missing: its jumps would otherwise meet smoothed ones.
+        // The whole input is reconstructed, not only the difference: otherwise its sharp edges would be
+        // compared with smoothed ones.
         let rows = answers(self.vehicle, self.data, Entry::Input(j), &u)?;
         let p = self.data.channels.len();
         let nominal: Vec<f64> = self
@@ -258,7 +262,7 @@ impl PlotInput<'_> {
         ))
     }
 
-    /// The force that is missing on state `i` against state `j`.
+    /// Force missing in the derivative of state `i`, against state `j`.
     fn force(&self, i: usize, j: usize) -> Option<EvidenceCurve> {
         let traces = self.traces(Entry::State(i))?;
         let state = &self.vehicle.states[j];
@@ -271,7 +275,7 @@ impl PlotInput<'_> {
         ))
     }
 
-    /// The force that is missing on state `i` against input `j`.
+    /// Force missing in the derivative of state `i`, against input `j`.
     fn control(&self, i: usize, j: usize) -> Option<EvidenceCurve> {
         let traces = self.traces(Entry::State(i))?;
         let (u, name, unit) = self.input(j);
@@ -299,7 +303,7 @@ impl PlotInput<'_> {
         }
     }
 
-    /// The missing force about an event.
+    /// Force missing in the derivative of state `i` around the time of an event.
     fn event(&self, i: usize, about_s: f64) -> Option<EvidenceCurve> {
         let traces = self.traces(Entry::State(i))?;
         let t = self.time();
@@ -331,7 +335,7 @@ impl PlotInput<'_> {
     }
 }
 
-/// Time within the period of a tone.
+/// Each sample's time within the period of a tone (folded time).
 fn folded(t: &[f64], frequency_hz: f64) -> Option<Vec<f64>> {
     let period = 1.0 / frequency_hz;
     (frequency_hz > 0.0 && period.is_finite()).then(|| t.iter().map(|t| t.rem_euclid(period)).collect())

@@ -1,4 +1,4 @@
-//! What shows causes that are random: turbulence, narrow-band noise, noise, and samples that went wrong.
+//! Evidence curves of random causes: turbulence, narrow-band noise, excess noise, and faulty samples.
 
 use crate::thresholds::{HISTOGRAM_BUCKETS, SAMPLES_SHOWN};
 use std::f64::consts::TAU;
@@ -17,7 +17,7 @@ use crate::stages::findings::Findings;
 use whirlstand_logs::spectrum::welch;
 use whirlstand_logs::stats::rms;
 
-/// The spectrum of the force that is missing on a state, against that of the turbulence.
+/// Spectrum of the force missing on a state, against the spectrum of the named turbulence.
 pub(crate) fn turbulence(
     found: &Turbulence,
     findings: &Findings<'_>,
@@ -26,7 +26,8 @@ pub(crate) fn turbulence(
     noise: &[f64],
 ) -> Option<EvidenceCurve> {
     let residual = &findings.residual.selection.fit.residual;
-    // The residual itself says how fast the unknown moves; what is noise in it shows as the floor of the spectrum.
+    // The bandwidth of the unknown force is fitted to the residual; the residual's noise shows as the floor
+    // of the spectrum.
     let traced = reconstruct(vehicle, data, Entry::State(found.state), &vec![0.0; noise.len()], &[residual])?;
     let spectrum = welch(&traced[0], data.period_s);
     let f: Vec<f64> = spectrum.frequency_hz.iter().skip(1).copied().collect();
@@ -47,7 +48,7 @@ pub(crate) fn turbulence(
     })
 }
 
-/// The spectrum of what is left about a line that wanders.
+/// Spectrum of the final residual around a line of varying frequency.
 pub(crate) fn narrow_band(
     found: &NarrowBand,
     findings: &Findings<'_>,
@@ -77,7 +78,7 @@ pub(crate) fn narrow_band(
     }
 }
 
-/// The histogram of what is left, against the declared noise.
+/// Histogram of the final residual, against the declared noise.
 pub(crate) fn noise(
     channel: usize,
     findings: &Findings<'_>,
@@ -116,7 +117,7 @@ pub(crate) fn noise(
     }
 }
 
-/// The samples that went wrong among their neighbours.
+/// Faulty samples of a channel among their neighbours.
 pub(crate) fn samples(effect: &SampleEffect, data: &Data, vehicle: &Vehicle) -> Option<EvidenceCurve> {
     let channel = &data.channels[effect.channel];
     let output = &vehicle.outputs[channel.output];
@@ -131,7 +132,7 @@ pub(crate) fn samples(effect: &SampleEffect, data: &Data, vehicle: &Vehicle) -> 
     let from = (0..=n - around).step_by((around / 4).max(1)).max_by_key(|from| count(*from))?;
     let mut part = from..from + around;
     if effect.kind == Kind::Quantization {
-        // Where few steps are taken they are seen best.
+        // Faulty samples are easiest to see in the window with the smallest range.
         let spread = |from: usize| {
             let (low, high) = ends(&channel.values[from..from + around / 4]);
             high - low

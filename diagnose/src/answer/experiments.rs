@@ -1,4 +1,4 @@
-//! What to fly: for effects that a record cannot show, and for those that it cannot tell apart.
+//! Advice on the next flight: experiments for effects that a record cannot show or cannot tell apart.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::model::score_test::ScoreTest;
 use crate::stages::findings::Findings;
 use crate::thresholds::MIN_DETECTABILITY;
 
-/// What would tell two effects apart.
+/// The experiment that distinguishes two effects.
 pub fn separating(a: Kind, b: Kind) -> &'static str {
     use Kind::*;
     let is = |x: Kind, y: Kind| (a == x && b == y) || (a == y && b == x);
@@ -47,7 +47,7 @@ pub fn separating(a: Kind, b: Kind) -> &'static str {
     }
 }
 
-/// Candidates that would not show even at the largest size that was tried.
+/// Candidates that would not be detectable even at the largest size tried.
 pub(crate) fn not_testable(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Vec<NotTestable> {
     let selection = &findings.residual.selection;
     let peaks = &findings.baseline.sizes.inputs;
@@ -77,7 +77,8 @@ pub(crate) fn not_testable(findings: &Findings<'_>, data: &Data, vehicle: &Vehic
     let score_test = ScoreTest::new(data, &selection.fit.profile.noise, &zero, &selection.fit.columns);
     let mut by_effect: BTreeMap<(&str, String), f64> = BTreeMap::new();
     for candidate in selection.refused.iter().map(|t| &t.candidate) {
-        // The largest size is the last start; a proportional response may be ten times that and still be of this world.
+        // The largest size tried is the last start value; a proportional response may be ten times that and
+        // still be physically plausible.
         let Some(start) = candidate.starts.last() else { continue };
         let Some(effect) = candidate.effect(start) else { continue };
         let energy = energy(findings, &score_test, &effect).unwrap_or(0.0)
@@ -85,7 +86,7 @@ pub(crate) fn not_testable(findings: &Findings<'_>, data: &Data, vehicle: &Vehic
         let known = by_effect.entry((candidate.kind.name(), candidate.place.clone())).or_insert(0.0);
         *known = known.max(energy);
     }
-    // One line an effect: all its places, and the largest detectability among them.
+    // One entry per effect: all its places, and the largest detectability among them.
     let mut hidden: BTreeMap<&str, (Vec<String>, f64)> = BTreeMap::new();
     for ((effect, place), energy) in by_effect.into_iter().filter(|(_, energy)| *energy < MIN_DETECTABILITY) {
         let (places, largest) = hidden.entry(effect).or_default();
@@ -113,7 +114,7 @@ fn energy(findings: &Findings<'_>, score_test: &ScoreTest<'_>, effect: &Effect) 
     Some(dot(&s, &s))
 }
 
-/// What to do next.
+/// Advice on what to do next.
 pub fn advice(answer: &Diagnosis) -> Vec<String> {
     let mut advice = Vec::new();
     for cause in &answer.causes {

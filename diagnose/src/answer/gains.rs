@@ -1,4 +1,4 @@
-//! What the extension gains on a part of the record that it was not fitted to.
+//! Improvement by the extension on a held-out part of the record.
 
 use std::ops::Range;
 
@@ -17,35 +17,36 @@ use crate::search::selection::Selection;
 use crate::stages::baseline::Baseline;
 use crate::stages::residual::Residual;
 
-/// Predictions of the whole record by models that were fitted to its first part.
+/// Predictions of the whole record by models fitted to its first part only.
 #[derive(Debug, Clone)]
 pub struct Gains {
     /// The part that was held out.
     pub heldout: HeldOut,
-    /// The first step of it.
+    /// First step of the held-out part.
     pub cut: usize,
-    /// Prediction of the given vehicle, all samples: its free run, or, where that means nothing, over the horizon.
+    /// Prediction of all samples by the given vehicle: its free run, or predictions over the horizon where a
+    /// free run is not meaningful.
     pub before: Vec<f64>,
-    /// The same with all causes.
+    /// Prediction of all samples by the vehicle with all causes, of the same kind as `before`.
     pub after: Vec<f64>,
-    /// Figures of every channel on the held-out part.
+    /// Scores of every channel on the held-out part.
     pub channels: Vec<Gain>,
 }
 
-/// Figures of one channel on the held-out part.
+/// Scores of one channel on the held-out part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gain {
-    /// Free runs before and after; `None` where they mean nothing.
+    /// Scores of the free runs before and after; `None` where free runs are not meaningful.
     pub free_run: Option<(Score, Score)>,
-    /// Predictions over the horizon before and after.
+    /// Scores of the predictions over the horizon, before and after.
     pub horizon: (Score, Score),
     /// Standard deviation of the noise.
     pub floor: f64,
-    /// Where none is declared, the share of the output's power that the noise model takes.
+    /// Share of the output's power that is left to the noise model, where no noise is declared.
     pub noise_model_share: Option<f64>,
 }
 
-/// How well one channel is predicted.
+/// Scores of one channel's predictions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Score {
     /// Fit, %; `None` when the channel does not change.
@@ -56,13 +57,13 @@ pub struct Score {
 
 /// A model that was fitted to the first part of a record.
 struct Trained {
-    /// What the predictor of the record predicts.
+    /// One-step predictions of the record's own predictor.
     own: Vec<f64>,
     /// Predictions over the horizon; NaN where there is none.
     ahead: Vec<f64>,
 }
 
-/// Fits before and after to the first part of the record, and judges both on the last.
+/// Fits the given and the extended vehicle to the first part of the record, and scores both on the last part.
 pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
     let (data, vehicle) = (baseline.data(), baseline.vehicle());
     let selection = &residual.selection;
@@ -71,14 +72,16 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
         (baseline.checked.loaded.options.horizon_s, baseline.checked.loaded.likeliest_s);
     let horizon_s = asked.unwrap_or_else(|| default_horizon_s(vehicle, data, likeliest_s));
     let follows = data.memory_s.is_some();
-    // Over a horizon even a model of the free run follows the record until then, for as long as the horizon reaches.
+    // To predict over a horizon, even a model fitted as a free run is corrected by the record up to then,
+    // with a memory as long as the horizon.
     let following = Data { memory_s: likeliest_s.or(Some(horizon_s)), ..data.clone() };
     let following = FreeRun::new(vehicle, &following);
     let training = first_part(data, cut);
     let free_run = FreeRun::new(vehicle, &training);
     let trained = |full: &Fit, model: &Model<'_, '_>| -> Trained {
         let model = Model { free_run: &free_run, free: model.free, terms: model.terms.clone() };
-        // What only the held-out part shows (an event in it) keeps the value that the whole record gives.
+        // A parameter that only the held-out part determines (an event within it) keeps its value of the
+        // whole record.
         let fit = if model.free.is_empty() {
             model
                 .fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]))
@@ -91,7 +94,7 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
         let ahead = ahead.unwrap_or_else(|| vec![f64::NAN; full.predicted.len()]);
         Trained { own: fit.map_or_else(|| full.predicted.clone(), |f| f.predicted), ahead }
     };
-    // Before: the vehicle as it was given, whatever a refit would make of it.
+    // Before: the vehicle as given, without any refit.
     let bare = Model { terms: Vec::new(), free: &[], ..selection.model.clone() };
     let states = bare.states();
     let given = Fit { values: selection.null.values[..states].to_vec(), ..selection.null.clone() };
@@ -125,7 +128,7 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
     }
 }
 
-/// The record with the samples from a step on set aside.
+/// The record with all samples from step `cut` on excluded.
 fn first_part(data: &Data, cut: usize) -> Data {
     let mut training = data.clone();
     for channel in &mut training.channels {
@@ -136,7 +139,7 @@ fn first_part(data: &Data, cut: usize) -> Data {
     training
 }
 
-/// How well a channel is predicted from a step on; samples without a prediction do not count.
+/// Score of a channel's predictions from step `cut` on; samples without a prediction do not count.
 fn score(channel: &Channel, predicted: &[f64], cut: usize) -> Score {
     let rows = (0..channel.values.len())
         .filter(|k| channel.good[*k] && channel.step(*k) >= cut && predicted[*k].is_finite());
@@ -148,14 +151,15 @@ fn score(channel: &Channel, predicted: &[f64], cut: usize) -> Score {
     Score { fit: rmse.filter(|_| spread > 0.0).map(|e| 100.0 * (1.0 - e / spread)), rmse }
 }
 
-/// True when a free run is loudly worse than the mean, though predictions over the horizon are better than that.
+/// True when a free run is clearly worse than the mean although predictions over the horizon are better than
+/// it.
 fn is_lost(free_run: Score, horizon: Score, floor: f64) -> bool {
     let loud = free_run.rmse.is_some_and(|rmse| rmse > LOUD_RATIO * floor);
     loud && free_run.fit.is_some_and(|fit| fit <= 0.0) && horizon.fit.is_some_and(|fit| fit > 0.0)
 }
 
-/// True when a channel keeps what a state once was to the end of the record, as one does that integrates: then its free run
-/// is the sum of all gusts, which no model knows.
+/// True when a channel depends on a past state until the end of the record, as an integrator does: its free
+/// run is then the sum of all gusts, which no model knows.
 fn never_forgets(selection: &Selection<'_, '_>, range: &Range<usize>) -> bool {
     selection.fit.columns[..selection.model.states()].iter().any(|column| {
         let moved = &column[range.clone()];
@@ -165,20 +169,21 @@ fn never_forgets(selection: &Selection<'_, '_>, range: &Range<usize>) -> bool {
     })
 }
 
-/// What a prediction leaves, as a share of the power about the mean, 0 to 1.
+/// Prediction error power as a share of the power about the mean, 0 to 1.
 fn share(score: Score) -> f64 {
     score.fit.map_or(0.0, |fit| (1.0 - fit / 100.0).powi(2).min(1.0))
 }
 
-/// The predictions of a model over a horizon, with the whole record to follow.
+/// Predictions of a model over a horizon, corrected by the whole record up to the start of each.
 fn ahead(free_run: &FreeRun<'_>, model: &Model<'_, '_>, values: &[f64], horizon_s: f64) -> Option<Vec<f64>> {
     let steps = ((horizon_s / free_run.data.period_s).round() as usize).max(1);
     let vehicle = model.vehicle(values).ok()?;
     free_run.ahead(&vehicle, &values[..model.states()], steps, Commands::Recorded).ok()
 }
 
-/// The same structure fitted for the free run: where a noise model takes slow residuals for colour, parameters that are
-/// refitted leave them in the simulation. Names and intervals are those of the likelihood, simulations those of this.
+/// The same structure fitted as an output-error model for the free run: where a noise model takes slow
+/// residuals for coloured noise, refitted parameters would leave them in the simulation. Reported names and
+/// intervals are those of the likelihood, simulations those of this fit.
 pub(crate) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<Fit> {
     let data = model.free_run.data;
     let channels = 0..data.channels.len();
@@ -186,7 +191,8 @@ pub(crate) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<Fit> {
     model.fit(fit.values.clone(), Some(&Noise::white(&stds)), None).ok()
 }
 
-/// Noise of a channel: all of the residual where nothing is left to explain, else what could not be foretold of it.
+/// Noise of a channel: the whole residual where nothing is left to explain, else its one-step unpredictable
+/// part.
 fn floor(fit: &Fit, data: &Data, vehicle: &Vehicle, c: usize) -> f64 {
     let total = fit.profile.noise.std(c, data, &fit.residual);
     let declared = vehicle.outputs[data.channels[c].output].noise;

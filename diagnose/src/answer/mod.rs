@@ -1,4 +1,4 @@
-//! Findings as figures, sentences and plots.
+//! The answer of a diagnosis: findings as figures, sentences and plots.
 
 pub mod causes;
 pub mod compose;

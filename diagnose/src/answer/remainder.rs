@@ -1,4 +1,4 @@
-//! What no effect of the table explains, described instead of named.
+//! Description of the residual that no effect of the table explains.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use whirlstand_logs::shown::number;
 use whirlstand_logs::spectrum::welch;
 use whirlstand_logs::stats::{correlation, rms};
 
-/// Power of a residual over that of the noise, all channels together.
+/// Power of a residual relative to the power of the noise, over all channels.
 fn power(findings: &Findings<'_>, data: &Data, residual: &[f64]) -> f64 {
     data.ranges()
         .into_iter()
@@ -28,12 +28,13 @@ fn power(findings: &Findings<'_>, data: &Data, residual: &[f64]) -> f64 {
         .sum()
 }
 
-/// True for a channel whose free run means something.
+/// True for a channel whose free run is meaningful.
 fn means_something(findings: &Findings<'_>, channel: usize) -> bool {
     findings.gains.channels[channel].free_run.is_some()
 }
 
-/// "the free run of roll is not meaningful, as it accumulates the effect of every gust".
+/// Text on outputs without a meaningful free run: "the free run of roll is not meaningful, as it accumulates
+/// the effect of every gust".
 fn lost(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Option<String> {
     let lost = data.channels.iter().enumerate().filter(|(c, _)| !means_something(findings, *c));
     let names: Vec<&str> = lost.map(|(_, c)| vehicle.outputs[c.output].name.as_str()).collect();
@@ -45,8 +46,8 @@ fn lost(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Option<Strin
     })
 }
 
-/// True when what is left goes with an input. Of a predictor that follows the record nothing is told by that: a law answers to
-/// what the process noise does, and its commands go with it.
+/// True when the final residual correlates with an input. For a predictor that follows the record this proves
+/// nothing: in closed loop the controller responds to the process noise, so commands correlate with it.
 pub(crate) fn structured(findings: &Findings<'_>, data: &Data) -> bool {
     if data.memory_s.is_some() {
         return false;
@@ -56,8 +57,8 @@ pub(crate) fn structured(findings: &Findings<'_>, data: &Data) -> bool {
         && coherent(findings, data, &findings.residual.selection.fit.residual).is_some()
 }
 
-/// The share of what was wrong that is left, and what it looks like. Nothing, of a predictor that follows the record: how much
-/// the gusts have moved the vehicle is no fault of the model.
+/// The unexplained share of the original model error, and its description. Zero for a predictor that follows
+/// the record: motion due to gusts is not an error of the model.
 pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> Unexplained {
     if data.memory_s.is_some() {
         return Unexplained::default();
@@ -65,7 +66,7 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     let selection = &findings.residual.selection;
     let residual = &selection.fit.residual;
     let (before, left) = (power(findings, data, &selection.null.residual), power(findings, data, residual));
-    // What is random was named as such and stays in every residual.
+    // A random cause is named separately and stays in every residual.
     let random = findings.residual.turbulence.is_some() || !findings.residual.noise.is_empty();
     let share = if before > 0.0 && !random { (left / before).clamp(0.0, 1.0) } else { 0.0 };
     let like =
@@ -126,7 +127,7 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     Unexplained { share, description: sentence(parts) }
 }
 
-/// What is left, but for which nothing else is known than that it is no noise, beside how well the record is predicted.
+/// Text on how well the record is predicted, for a residual of which is only known that it is not noise.
 pub(crate) fn beside(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> String {
     let left = "the prediction residuals are not noise".to_string();
     match fits(outputs, horizon_s) {
@@ -135,10 +136,10 @@ pub(crate) fn beside(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> 
     }
 }
 
-/// That the commands tell nothing of the outputs, which may be well predicted all the same.
+/// Text that the commands do not explain the outputs, although these may be well predicted.
 pub(crate) fn untold(vehicle: &str, outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> String {
     let text = format!("the commands of {vehicle} do not make the record more likely");
-    // A fit of nothing is that of the mean.
+    // A fit of zero is that of the mean.
     let good = outputs.values().filter_map(|output| output.horizon_fit_after).all(|fit| fit > 0.0);
     match fits(outputs, horizon_s).filter(|_| good) {
         Some(fits) => format!("{text}; the {fits} comes from past measurements alone"),
@@ -146,7 +147,8 @@ pub(crate) fn untold(vehicle: &str, outputs: &BTreeMap<String, OutputGain>, hori
     }
 }
 
-/// "fit of 97.1 to 98.2 % over 0.500 s", of the outputs' predictions over the horizon; `None` where no output changes.
+/// Range of the outputs' fits over the horizon, as in "fit of 97.1 to 98.2 % over 0.500 s"; `None` where no
+/// output changes.
 fn fits(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> Option<String> {
     let fits = || outputs.values().filter_map(|output| output.horizon_fit_after);
     let (low, high) = (fits().reduce(f64::min)?, fits().reduce(f64::max)?);
@@ -154,13 +156,13 @@ fn fits(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> Option<String
     Some(format!("fit of {range} % over {} s", number(horizon_s)))
 }
 
-/// What is said in one sentence; empty where nothing is.
+/// Joins parts into one sentence; empty without parts.
 fn sentence(parts: Vec<String>) -> String {
     let text = parts.join("; ");
     text.get(..1).map_or_else(String::new, |first| format!("{}{}.", first.to_uppercase(), &text[1..]))
 }
 
-/// The band that holds the middle 80 % of the power.
+/// The frequency band that holds the middle 80 % of the power.
 fn band(r: &[f64], period_s: f64) -> Option<(f64, f64)> {
     let spectrum = welch(r, period_s);
     let total: f64 = spectrum.density.iter().sum();
@@ -178,7 +180,7 @@ fn band(r: &[f64], period_s: f64) -> Option<(f64, f64)> {
     Some((low?, high?))
 }
 
-/// The sample from which on the power is several times that before, by the greatest likelihood of one change of variance.
+/// Sample at which the power rises several times, by the maximum likelihood of a single change of variance.
 fn onset(r: &[f64]) -> Option<usize> {
     let squares: Vec<f64> = r.iter().map(|v| v * v).collect();
     let total: f64 = squares.iter().sum();
@@ -199,7 +201,7 @@ fn onset(r: &[f64]) -> Option<usize> {
     (best.1 > 0).then_some(best.1)
 }
 
-/// The input whose past correlates most with a residual: input, correlation, lag in steps.
+/// The input whose past correlates most with a residual: index of the input, correlation, lag in steps.
 fn coherent(findings: &Findings<'_>, data: &Data, residual: &[f64]) -> Option<(usize, f64, usize)> {
     let mut best: Option<(usize, f64, usize)> = None;
     let longest = (2.0 / data.period_s).min(data.steps as f64 / 8.0) as usize;
@@ -223,7 +225,8 @@ fn coherent(findings: &Findings<'_>, data: &Data, residual: &[f64]) -> Option<(u
     best
 }
 
-/// Odd, even or neither: the residual's correlation with the input, its magnitude and its cube.
+/// Amplitude dependence of a residual (odd, even or neither): its correlation with the input, the input's
+/// magnitude and its cube.
 fn amplitude_dependence(data: &Data, worst: usize, r: &[f64], j: usize) -> String {
     let channel = &data.channels[worst];
     let u: Vec<f64> = (0..r.len()).map(|k| data.inputs[channel.step(k) * data.m + j]).collect();
@@ -238,7 +241,7 @@ fn amplitude_dependence(data: &Data, worst: usize, r: &[f64], j: usize) -> Strin
     }
 }
 
-/// Samples until the autocorrelation has fallen below 1/e.
+/// Lag in samples at which the autocorrelation falls below 1/e.
 fn memory(r: &[f64]) -> Option<usize> {
     let power = dot(r, r);
     (1..r.len() / 4)

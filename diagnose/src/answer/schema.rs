@@ -1,4 +1,4 @@
-//! What a diagnosis answers.
+//! Schema of a diagnosis, as it is written to JSON.
 
 use std::collections::BTreeMap;
 use whirlstand_logs::shown::ShownUnit;
@@ -6,94 +6,95 @@ use whirlstand_logs::shown::ShownUnit;
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Vehicle;
 
-/// Schema of [`Diagnosis`].
+/// Schema identifier of [`Diagnosis`].
 pub const DIAGNOSIS_SCHEMA: &str = "whirlstand.diagnosis.v1";
 
-/// What a diagnosis comes to.
+/// Overall result of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// No effect passed: the simulation agrees with the record.
+    /// No effect was accepted: the simulation agrees with the record.
     Consistent,
-    /// The named causes explain what the simulation got wrong.
+    /// The named causes explain the error of the simulation.
     Explained,
-    /// The named causes explain a part of it.
+    /// The named causes explain a part of the error of the simulation.
     PartlyExplained,
-    /// Something is wrong, and no effect of the table is it.
+    /// The simulation is wrong, and no effect of the table explains it.
     Unexplained,
-    /// The record could not have shown an effect.
+    /// The record could not have shown most effects.
     Inconclusive,
 }
 
-/// What is wrong with a simulation, why, and what is gained by mending it.
+/// A diagnosis: the error of a simulation, its causes, and the improvement by correcting them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Diagnosis {
-    /// [`DIAGNOSIS_SCHEMA`].
+    /// Schema identifier, [`DIAGNOSIS_SCHEMA`].
     pub schema: String,
-    /// What it comes to.
+    /// Overall result.
     pub verdict: Verdict,
     /// The verdict in a sentence.
     pub summary: String,
     /// Version of this program.
     pub version: String,
-    /// The logs.
+    /// Names of the logs.
     pub records: Vec<String>,
-    /// True when the search was ended early, by hand or by its budget of time: then this is what was known by then.
+    /// True when the search was stopped early, by hand or by its time budget: the answer is then preliminary.
     #[serde(default)]
     pub partial: bool,
     /// Name of the vehicle.
     pub vehicle: String,
-    /// Period, s.
+    /// Sampling period, s.
     pub period_s: f64,
     /// Causes, the one with the most evidence first.
     pub causes: Vec<Cause>,
-    /// How the errors of the causes' parameters hang together, each pair once; pairs that are not listed are independent.
+    /// Correlations of the errors of the causes' parameters, each pair once; pairs that are not listed are
+    /// independent.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub correlations: Vec<Correlation>,
-    /// Effects that were weighed and not accepted, the nearest first.
+    /// Effects that were tested and not accepted, the nearest first.
     pub rejected: Vec<Rejected>,
     /// Effects that this record could not have shown.
     pub not_testable: Vec<NotTestable>,
-    /// Figures of the outputs, by name.
+    /// Scores of the outputs, by output name.
     pub outputs: BTreeMap<String, OutputGain>,
-    /// The part that was held out.
+    /// The part of the record that was held out for validation.
     pub heldout: HeldOut,
-    /// What no cause explains.
+    /// The part of the model error that no cause explains.
     pub unexplained: Unexplained,
-    /// What is wrong with the data themselves.
+    /// Problems of the data themselves.
     pub data: Vec<DataFinding>,
-    /// What else should be known.
+    /// Further remarks on the diagnosis.
     pub remarks: Vec<String>,
-    /// What to fly next, when the record leaves something open.
+    /// Advice on the next flight, when the record leaves something open.
     pub advice: Vec<String>,
-    /// The extended vehicle file, if it was written.
+    /// Path of the extended vehicle file, if it was written.
     pub extended_vehicle: Option<String>,
     /// The extended vehicle itself; `None` without causes.
     #[serde(skip)]
     pub extended: Option<Box<Vehicle>>,
-    /// The signals, for the report.
+    /// Signals for the report.
     #[serde(skip)]
     pub figures: Figures,
 }
 
-/// A named cause.
+/// A named cause: an effect at a place, with its parameters and evidence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cause {
-    /// Effect of the table.
+    /// Name of the effect in the table.
     pub effect: String,
-    /// Its place.
+    /// Place of the effect: an input, state, output or matrix entry.
     #[serde(rename = "where")]
     pub place: String,
-    /// Its parameters with 95 % intervals, SI.
+    /// Parameters with 95 % intervals, SI, by name.
     pub parameters: BTreeMap<String, Estimate>,
-    /// A text that the effect carries: the vehicle of a mode transition, the source of a vibration.
+    /// Text parameter of the effect: the vehicle of a mode transition, the source of a vibration.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub text: Option<String>,
-    /// What speaks for it.
+    /// Statistical evidence for the cause.
     pub evidence: Evidence,
-    /// Effects that this record cannot tell from it.
+    /// Effects that this record cannot distinguish from the cause.
     pub indistinguishable: Vec<LookAlike>,
-    /// What should be known about it: aliases of a tone, where it comes from.
+    /// Notes on the cause, such as aliases or the source of a tone.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub notes: Vec<String>,
 }
@@ -101,18 +102,18 @@ pub struct Cause {
 /// The correlation of the errors of two parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Correlation {
-    /// The two.
+    /// The two parameters.
     pub between: [ParameterPlace; 2],
-    /// From -1 to 1.
+    /// Correlation coefficient, -1 to 1.
     pub coefficient: f64,
 }
 
 /// A parameter of a cause.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ParameterPlace {
-    /// Effect of the table.
+    /// Name of the effect in the table.
     pub effect: String,
-    /// Its place.
+    /// Place of the effect.
     #[serde(rename = "where")]
     pub place: String,
     /// Name of the parameter.
@@ -122,112 +123,112 @@ pub struct ParameterPlace {
 /// A value with its 95 % interval, SI.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// Value.
+    /// Estimated value.
     pub value: f64,
-    /// Lower end.
+    /// Lower end of the 95 % interval.
     pub low: f64,
-    /// Upper end.
+    /// Upper end of the 95 % interval.
     pub high: f64,
-    /// SI unit of the three; empty for a pure number.
+    /// SI unit of value and interval; empty for a dimensionless number.
     #[serde(default)]
     pub unit: ShownUnit,
 }
 
 impl Estimate {
-    /// An estimate whose unit is filled in with the others of the answer.
+    /// An estimate without a unit; units are set for the whole answer later.
     pub(crate) fn new(value: f64, low: f64, high: f64) -> Self {
         Self { value, low, high, unit: ShownUnit::default() }
     }
 }
 
-/// What speaks for a cause.
+/// Statistical evidence for a cause.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
     /// Gain in the Bayesian information criterion over the model without it, residuals whitened.
     pub delta_bic: f64,
-    /// Gain on data that were left out of the fit, over its standard error.
+    /// Gain on data left out of the fit, divided by its standard error.
     pub heldout_gain_sigma: f64,
-    /// Share of the residual's power that goes with it, 0 to 1.
+    /// Share of the residual's power that the cause removes, 0 to 1.
     pub share_of_residual: f64,
-    /// Probability of so much by chance, after Holm's correction for all effects that were tried.
+    /// Probability of so large a gain by chance, after Holm's correction for all effects tested.
     pub p_value: f64,
-    /// Detectability: squared size of its signature over the noise.
+    /// Detectability: squared norm of the effect's signature relative to the noise.
     pub detectability: f64,
 }
 
-/// An effect that looks the same in this record.
+/// An effect with the same signature in this record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LookAlike {
-    /// Effect of the table.
+    /// Name of the effect in the table.
     pub effect: String,
-    /// Its place.
+    /// Place of the effect.
     #[serde(rename = "where")]
     pub place: String,
     /// Cosine of the angle between the two signatures.
     pub kappa: f64,
-    /// Its parameters, SI.
+    /// Parameters of the effect, SI, by name.
     #[serde(skip_serializing_if = "BTreeMap::is_empty", default)]
     pub parameters: BTreeMap<String, f64>,
-    /// SI units of its parameters; empty for a pure number.
+    /// SI units of the parameters, by name; empty for a dimensionless number.
     #[serde(skip_serializing_if = "BTreeMap::is_empty", default)]
     pub units: BTreeMap<String, String>,
-    /// What would tell them apart.
+    /// The experiment that would distinguish the two effects.
     pub experiment: String,
 }
 
-/// An effect that was weighed and not accepted.
+/// An effect that was tested and not accepted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Rejected {
-    /// Effect of the table.
+    /// Name of the effect in the table.
     pub effect: String,
-    /// Its place.
+    /// Place of the effect.
     #[serde(rename = "where")]
     pub place: String,
     /// Gain in the Bayesian information criterion over the model without it, beside the accepted causes.
     pub delta_bic: f64,
-    /// Why not, in a sentence.
+    /// Reason for the rejection, as a sentence.
     pub why: String,
 }
 
 /// An effect that the record could not have shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NotTestable {
-    /// Effect of the table.
+    /// Name of the effect in the table.
     pub effect: String,
-    /// Its place.
+    /// Place of the effect.
     #[serde(rename = "where")]
     pub place: String,
-    /// Why not, and what to fly.
+    /// Reason, and which flight would show the effect.
     pub why: String,
-    /// How many effects at how many places this stands for.
+    /// Number of effects and places that this entry stands for.
     #[serde(default)]
     pub effects: usize,
 }
 
-/// Figures of one output on held-out data, SI.
+/// Scores of one output on held-out data, SI.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutputGain {
-    /// SI unit.
+    /// SI unit of the output.
     pub unit: ShownUnit,
-    /// Fit of the given vehicle's free run, %; `None` when the output does not change or a free run means nothing, as of an
-    /// unstable axis.
+    /// Fit of the given vehicle's free run, %; `None` when the output does not change or a free run is not
+    /// meaningful, as for an unstable axis.
     pub fit_before: Option<f64>,
     /// Fit of the extended vehicle's free run, %.
     pub fit_after: Option<f64>,
     /// Root of the mean square error of the given vehicle's free run.
     pub rmse_before: Option<f64>,
-    /// The same of the extended vehicle.
+    /// Root of the mean square error of the extended vehicle's free run.
     pub rmse_after: Option<f64>,
     /// Fit of the given vehicle's predictions over the horizon, %.
     #[serde(default)]
     pub horizon_fit_before: Option<f64>,
-    /// The same of the extended vehicle.
+    /// Fit of the extended vehicle's predictions over the horizon, %.
     #[serde(default)]
     pub horizon_fit_after: Option<f64>,
     /// Root of the mean square error of the given vehicle's predictions over the horizon.
     #[serde(default)]
     pub horizon_rmse_before: Option<f64>,
-    /// The same of the extended vehicle.
+    /// Root of the mean square error of the extended vehicle's predictions over the horizon.
     #[serde(default)]
     pub horizon_rmse_after: Option<f64>,
     /// Standard deviation of the noise, which no model can explain.
@@ -238,83 +239,84 @@ pub struct OutputGain {
     pub noise_model_share: Option<f64>,
 }
 
-/// A part of a record, s of its clock.
+/// A time span of a record, s on the record's clock.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct HeldOut {
-    /// Start.
+    /// Start of the span, s.
     pub from_s: f64,
-    /// End.
+    /// End of the span, s.
     pub to_s: f64,
-    /// How far ahead the outputs were predicted there, s, beside the free run.
+    /// Horizon over which the outputs were predicted in the span, s, besides the free run.
     #[serde(default)]
     pub horizon_s: f64,
 }
 
-/// What no cause explains.
+/// The part of the model error that no cause explains.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Unexplained {
-    /// Share of the residual's power before, 0 to 1, noise not counted.
+    /// Share of the original residual power that is left, 0 to 1, noise not counted.
     pub share: f64,
-    /// Channel, share, band, onset, coherent input, amplitude dependence, memory, nearest rejected names.
+    /// Description: channel, share, band, onset, coherent input, amplitude dependence, memory, nearest
+    /// rejected effects.
     pub description: String,
 }
 
-/// Something wrong with the data themselves.
+/// A problem of the data themselves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DataFinding {
-    /// What: `gap`, `uneven`, `stuck`, `swapped`, `sign`, `unit`, `short`, `no_excitation`, `saturated`, `not_a_number`,
-    /// `long`, `limit`, `vehicle`.
+    /// Kind of the problem: `gap`, `uneven`, `stuck`, `swapped`, `sign`, `unit`, `short`, `no_excitation`,
+    /// `saturated`, `not_a_number`, `long`, `limit`, `vehicle`.
     pub kind: String,
-    /// The channel or channels.
+    /// The affected channel or channels.
     #[serde(rename = "where")]
     pub place: String,
-    /// It in a sentence, with what to do.
+    /// The problem as a sentence, with its remedy.
     pub text: String,
-    /// True when no cause can be named before it is mended.
+    /// True when no cause can be named before the problem is fixed.
     pub blocking: bool,
 }
 
-/// The signals of a diagnosis, for the report.
+/// Signals of a diagnosis for the report.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Figures {
-    /// Time, s of the record's clock.
+    /// Time of each step, s on the record's clock.
     pub t: Vec<f64>,
     /// Inputs: name, SI unit, values.
     pub inputs: Vec<(String, ShownUnit, Vec<f64>)>,
     /// Outputs in the vehicle's order.
     pub outputs: Vec<OutputFigure>,
-    /// Evidence curves: for the accepted and the nearest rejected causes.
+    /// Evidence curves of the accepted and of the nearest rejected causes.
     pub evidence: Vec<EvidenceCurve>,
-    /// The given vehicle as a file.
+    /// Text of the given vehicle's file.
     pub given_vehicle: String,
 }
 
-/// The signals of one output, NaN where there is none.
+/// Signals of one output, NaN where there is no value.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OutputFigure {
-    /// Name.
+    /// Name of the output.
     pub name: String,
-    /// SI unit.
+    /// SI unit of the output.
     pub unit: ShownUnit,
-    /// Measured.
+    /// Measured values.
     pub measured: Vec<f64>,
     /// Free run of the given vehicle.
     pub before: Vec<f64>,
     /// Free run of the extended vehicle; empty without causes.
     pub after: Vec<f64>,
-    /// Frequencies of named tones in this output, Hz.
+    /// Frequencies of the tones named in this output, Hz.
     pub tones: Vec<f64>,
 }
 
-/// Points of a line or a cloud: values below and at the side.
+/// Points of a line or a cloud: x values and y values.
 pub type Points = (Vec<f64>, Vec<f64>);
 
 /// An axis of a plot.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Axis {
-    /// What is on it.
+    /// Quantity on the axis.
     pub name: String,
-    /// SI unit.
+    /// SI unit of the axis.
     pub unit: ShownUnit,
 }
 
@@ -332,34 +334,34 @@ impl Axis {
     }
 }
 
-/// What the record shows of a cause: what is missing from the simulation against what the cause depends on.
+/// Evidence curve of a cause: the error of the simulation against the quantity on which the cause depends.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct EvidenceCurve {
-    /// Effect and place.
+    /// Name and place of the effect.
     pub cause: String,
     /// True for an accepted cause.
     pub accepted: bool,
-    /// How to read it, in a sentence.
+    /// How to read the plot, as a sentence.
     pub caption: String,
-    /// The axis below.
+    /// The x axis.
     pub x: Axis,
-    /// The axis at the side.
+    /// The y axis.
     pub y: Axis,
     /// Both axes are logarithmic.
     pub logarithmic: bool,
-    /// Single samples of the record, thinned; empty where lines say it all.
+    /// Single samples of the record, thinned; empty where the lines suffice.
     pub cloud: Points,
-    /// What the record says on the whole. NaN is a gap.
+    /// Line that the record shows, averaged. NaN is a gap.
     pub measured: Points,
-    /// What the cause says, treated in the same way.
+    /// Line that the cause predicts, averaged in the same way.
     pub explained: Points,
-    /// What the given vehicle says: without the cause.
+    /// Line of the given vehicle, without the cause.
     pub without: Points,
-    /// The nearest rejected rival of an accepted cause, and what it says.
+    /// Name and line of the nearest rejected rival of an accepted cause.
     pub rival: Option<(String, Points)>,
 }
 
-/// Four digits at most.
+/// A number with at most four digits.
 pub(crate) fn short(v: f64) -> String {
     whirlstand_logs::shown::number((v * 1e9).round() / 1e9)
 }

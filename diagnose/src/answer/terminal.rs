@@ -1,4 +1,4 @@
-//! The answer in a terminal: fifteen lines.
+//! The answer for a terminal: at most fifteen lines of text.
 
 use crate::answer::schema::{Diagnosis, Verdict, short};
 
@@ -28,7 +28,7 @@ impl Diagnosis {
         for finding in self.data.iter().filter(|f| !f.blocking).take(2) {
             lines.push(format!("  data: {}", finding.text));
         }
-        // Where a free run means nothing, predictions over the horizon stand alone.
+        // Where a free run is not meaningful, only predictions over the horizon are shown.
         let free = self.outputs.values().any(|o| o.fit_before.is_some());
         let horizon = format!("predictions over {} s", short(self.heldout.horizon_s));
         lines.push(format!(

@@ -1,11 +1,13 @@
-//! Where a tone comes from: the same output with the engine on, on the ground, and with the engine off.
+//! Source of a vibration: compares its tone in flight with records on the ground with the engine on and with
+//! it off.
 
 use crate::thresholds::{LINE_AMPLITUDE_RATIO, ROTOR_SPEED_SHARE};
 use whirlstand_logs::Record;
 
 use whirlstand_logs::stats::{median, rms};
 
-/// Amplitude of the strongest tone near `frequency_hz` in an output, and whether it stands out of what is around it.
+/// Amplitude of the strongest tone near `frequency_hz` in an output, and whether it stands out of the
+/// surrounding spectrum.
 fn amplitude(record: &Record, output: &str, frequency_hz: f64) -> Option<(f64, bool)> {
     let signal = record.get(output)?;
     let points: Vec<(f64, f64)> = record
@@ -37,8 +39,8 @@ fn amplitude(record: &Record, output: &str, frequency_hz: f64) -> Option<(f64, b
     Some((strongest, strongest > LINE_AMPLITUDE_RATIO * median(&all).max(1e-9 * rms(&all))))
 }
 
-/// What the three records say of a tone: its source in a word, and why in a sentence. `None` when neither ground record
-/// was given or has the output.
+/// Source of a tone according to the three records: its name and the reason as a sentence. `None` when no
+/// ground record was given that has the output.
 pub fn source(
     output: &str,
     frequency_hz: f64,
@@ -70,7 +72,8 @@ pub fn source(
     Some((source, text))
 }
 
-/// Frequencies that look the same at this rate, Hz: those beyond half the rate that fold onto `frequency_hz`.
+/// Aliases of a tone at this sampling period, Hz: frequencies above the Nyquist frequency that fold onto
+/// `frequency_hz`.
 pub fn aliases(frequency_hz: f64, period_s: f64) -> Vec<f64> {
     let rate = 1.0 / period_s;
     vec![rate - frequency_hz, rate + frequency_hz, 2.0 * rate - frequency_hz]

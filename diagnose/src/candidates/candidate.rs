@@ -1,47 +1,47 @@
-//! A candidate: an effect at a place, with what is open about it.
+//! A candidate cause: an effect at a place, with its free parameters.
 
 use whirlstand_vehicle::{Effect, Kind};
 
-/// A parameter of a candidate that is fitted.
+/// A parameter of a candidate that is fitted, with its range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tunable {
-    /// Name in the table.
+    /// Name of the parameter in the table.
     pub name: &'static str,
-    /// Least value.
+    /// Lower limit.
     pub lower: f64,
-    /// Greatest value.
+    /// Upper limit.
     pub upper: f64,
-    /// A typical change, for differences.
+    /// Typical change, used as the step of finite differences.
     pub scale: f64,
-    /// True for one that says how large the effect is: its interval must be narrow for the effect to be accepted.
+    /// True for a size of the effect: its interval must be narrow for the effect to be accepted.
     pub size: bool,
 }
 
-/// An effect at a place, with values still open.
+/// An effect at a place, with parameters still to be fitted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
-    /// Which effect.
+    /// Kind of the effect.
     pub kind: Kind,
-    /// Its place.
+    /// Place of the effect.
     pub place: String,
-    /// What is fitted.
+    /// Parameters that are fitted.
     pub tunables: Vec<Tunable>,
-    /// Parameters that stay as they are.
+    /// Parameters that keep their values.
     pub fixed: Vec<(&'static str, f64)>,
-    /// The text parameter.
+    /// The text parameter, if the effect has one.
     pub text: Option<String>,
-    /// Values to start from.
+    /// Start values of the tunables, one vector per start.
     pub starts: Vec<Vec<f64>>,
     /// The response is proportional to the distance of the last tunable from `null`, so that one start is enough.
     pub linear: bool,
     /// Value of the last tunable at which there is no effect.
     pub null: f64,
-    /// How many independent looks the choice among starts amounts to.
+    /// Number of independent trials to which the choice among the starts amounts.
     pub looks: f64,
 }
 
 impl Candidate {
-    /// The effect at a place with nothing to fit, for tests.
+    /// The effect at a place without tunables, for tests.
     #[cfg(test)]
     pub(crate) fn bare(kind: Kind, place: &str) -> Self {
         Self {
@@ -68,15 +68,15 @@ impl Candidate {
             }
         };
         if self.kind == Kind::InputSaturation {
-            // A lower limit above the upper one is no saturation.
+            // A lower limit above the upper one is not a saturation.
             let (lower, upper) = (effect.parameter("lower")?, effect.parameter("upper")?);
             (lower < upper).then_some(())?;
         }
         Some(effect)
     }
 
-    /// True when the other is the same effect at the same place with the same values open: there are limits of one side
-    /// and of both, dry friction with and without a preferred side.
+    /// True for the same effect at the same place with the same parameters free: variants exist with
+    /// one-sided and two-sided limits, and with dry friction with and without a bias.
     pub fn is_same(&self, other: &Candidate) -> bool {
         let open = |c: &Candidate| c.tunables.iter().map(|t| t.name).collect::<Vec<_>>();
         self.name() == other.name()
@@ -85,36 +85,36 @@ impl Candidate {
             && self.fixed.iter().map(|f| f.0).eq(other.fixed.iter().map(|f| f.0))
     }
 
-    /// `effect(place)`.
+    /// Name of the candidate, as in `effect(place)`.
     pub fn name(&self) -> String {
         format!("{}({})", self.kind, self.place)
     }
 }
 
-/// Sizes of what a record holds, from which the sizes of effects follow.
+/// Magnitudes of a record's signals, from which typical sizes of effects follow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sizes {
     /// Largest magnitude of each input.
     pub inputs: Vec<f64>,
     /// Largest magnitude of each state in the free run.
     pub states: Vec<f64>,
-    /// Root mean square of each state's derivative.
+    /// Root mean square of each state derivative.
     pub slopes: Vec<f64>,
     /// Largest magnitude of each output.
     pub outputs: Vec<f64>,
     /// Standard deviation of each output's noise.
     pub noise: Vec<f64>,
-    /// Length, s.
+    /// Length of the record, s.
     pub duration_s: f64,
-    /// First and last time, s, as effects count it.
+    /// First and last time of the record, s, on the clock of the effects.
     pub times_s: (f64, f64),
-    /// Period, s.
+    /// Sampling period, s.
     pub period_s: f64,
 }
 
 #[cfg(test)]
 impl Sizes {
-    /// All of size one.
+    /// All magnitudes equal to one.
     pub(crate) fn ones(vehicle: &whirlstand_vehicle::Vehicle, duration_s: f64, period_s: f64) -> Self {
         let (states, outputs) = (vec![1.0; vehicle.states.len()], vec![1.0; vehicle.outputs.len()]);
         Self {

@@ -1,4 +1,4 @@
-//! When something may have happened: disturbances by their response at every time, transitions on a grid.
+//! Candidate times of events: disturbances by their response at every time, transitions on a time grid.
 
 use crate::thresholds::{DURATION_GROWTH, MIN_EVENT_TIMES};
 use rayon::prelude::*;
@@ -11,12 +11,13 @@ use crate::model::fit::Model;
 use crate::model::score_test::ScoreTest;
 use crate::model::step_response::Responses;
 
-/// The times that are tried, and what is needed to look at all of them at once.
+/// The grid of candidate event times, with what is needed to evaluate all of them by FFT.
 struct Grid {
-    /// Steps from one time to the next: a multiple of every channel's stride.
+    /// Steps between two candidate times: a multiple of every channel's stride.
     every: usize,
     times: usize,
-    /// Length of each channel's spectrum, so that no shift comes round, and of the products' at the grid's times.
+    /// FFT length of each channel, padded so that no shift wraps around, and of the products at the grid's
+    /// times.
     lengths: Vec<(usize, usize)>,
 }
 
@@ -46,10 +47,10 @@ fn lcm(a: usize, b: usize) -> usize {
 /// Spectra of all channels, from 0 to half the sampling rate.
 type Spectra = Vec<Vec<Complex<f64>>>;
 
-/// The best times for a step and for a pulse on every state, in a score test.
+/// The best times for a step and for a pulse on every state, by a score test.
 ///
-/// The model is taken as linear and constant here: the response to a disturbance at one time is that at another,
-/// shifted. What is found is fitted with the simulator afterwards.
+/// The model is assumed linear and time-invariant: the responses to a disturbance at different times are
+/// shifted copies. The events found are refitted with the simulator afterwards.
 pub fn events(
     model: &Model<'_, '_>,
     score_test: &ScoreTest<'_>,
@@ -70,26 +71,26 @@ pub fn events(
     found.flatten_iter().collect()
 }
 
-/// An event at the time of the grid where it does best.
+/// An event at the grid time with the highest score.
 #[derive(Clone, Copy)]
 struct Event {
     score: f64,
-    /// When it begins, in steps of the grid.
+    /// Start of the event, in steps of the grid.
     at: usize,
-    /// How long it lasts, in steps of the grid; 0 for one that does not end.
+    /// Duration of the event, in steps of the grid; 0 for one that does not end.
     lasts: usize,
     amplitude: f64,
 }
 
-/// All events on one state.
+/// Search over all events on one state.
 struct EventSearch<'a> {
     data: &'a Data,
     grid: &'a Grid,
-    /// Whitened response to a step from the beginning on.
+    /// Whitened response to a step at the beginning of the record.
     white: Vec<f64>,
-    /// Product of the residual with the response, for every time.
+    /// Inner product of the residual with the response shifted to every grid time.
     products: Vec<f64>,
-    /// The same of every nuisance.
+    /// Inner products of every nuisance with the response shifted to every grid time.
     overlaps: Vec<Vec<f64>>,
 }
 
@@ -107,7 +108,7 @@ impl<'a> EventSearch<'a> {
         Self { data, grid, white, products, overlaps }
     }
 
-    /// Energy of the response to a pulse of d grid steps within its first k steps.
+    /// Energy of the response to a pulse of `d` grid steps within its first k steps.
     fn energies(&self, d: usize) -> Vec<f64> {
         let (data, Grid { every, times, .. }) = (self.data, self.grid);
         let mut total = vec![0.0; times + 1];
@@ -129,7 +130,7 @@ impl<'a> EventSearch<'a> {
         total
     }
 
-    /// The best time for an event of a given length.
+    /// The event of the given length with the highest score.
     fn best(&self, d: usize) -> Event {
         let times = self.grid.times;
         let energies = self.energies(d);
@@ -145,7 +146,7 @@ impl<'a> EventSearch<'a> {
                 let o = overlap[t] - if d > 0 { overlap[end] } else { 0.0 };
                 left -= o * o;
             }
-            // What nuisances imitate almost wholly is no evidence.
+            // An event that nuisances reproduce almost entirely is no evidence.
             if left > 1e-3 * whole && product * product > best.score * left {
                 best = Event { score: product * product / left, at: t, lasts: d, amplitude: product / left };
             }
@@ -157,7 +158,7 @@ impl<'a> EventSearch<'a> {
         (steps * self.grid.every) as f64 * self.data.period_s
     }
 
-    /// When a time of the grid is, as effects count it.
+    /// Time of a grid step, s, on the clock of the effects.
     fn time(&self, steps: usize) -> f64 {
         self.data.time_s(0) + self.seconds(steps)
     }
@@ -179,7 +180,7 @@ impl<'a> EventSearch<'a> {
         }
         let pulses = durations.iter().map(|d| self.best(*d));
         let mut top = pulses.max_by(|a, b| a.score.total_cmp(&b.score)).filter(|top| top.score > 0.0)?;
-        // A fit by derivatives would stay at the sample next to which the pulse ends.
+        // A gradient-based fit would stay at the sample nearest to the end of the pulse.
         let mut step = top.lasts / 4;
         while step > 0 {
             for d in [top.lasts - step, top.lasts + step] {
@@ -195,7 +196,7 @@ impl<'a> EventSearch<'a> {
     }
 }
 
-/// Spectra of all channels, each padded so that no shift comes round.
+/// Spectra of all channels, each padded so that no shift wraps around.
 fn transforms(data: &Data, grid: &Grid, samples: &[f64]) -> Spectra {
     let mut planner = FftPlanner::new();
     data.ranges()
@@ -214,7 +215,7 @@ fn transforms(data: &Data, grid: &Grid, samples: &[f64]) -> Spectra {
 
 /// Products of samples, given by their spectra, with a response that begins at each time of the grid; 0 at its end.
 ///
-/// Only the grid's times are wanted: what lies between them may fold together before the transform back.
+/// Only values at the grid times are needed: times in between may alias in the inverse transform.
 fn shifted(of: &Spectra, response: &Spectra, grid: &Grid) -> Vec<f64> {
     let mut planner = FftPlanner::new();
     let mut products = vec![0.0; grid.times + 1];

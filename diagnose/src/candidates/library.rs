@@ -1,4 +1,4 @@
-//! The library of candidates: every effect of the table at every place of a vehicle, with sizes to try.
+//! The library of candidates: every effect of the table at every place of a vehicle, with start values.
 
 use crate::thresholds::{SEARCHED_FACTORS, UNBOUNDED};
 use whirlstand_vehicle::{Kind, Matrix, Vehicle};
@@ -9,12 +9,12 @@ fn tunable(name: &'static str, lower: f64, upper: f64, scale: f64) -> Tunable {
     Tunable { name, lower, upper, scale, size: true }
 }
 
-/// A factor of an input or a sensor.
+/// Tunable scale factor of an input or a sensor.
 fn factor() -> Tunable {
     tunable("factor", *SEARCHED_FACTORS.start(), *SEARCHED_FACTORS.end(), 1e-2)
 }
 
-/// Not a size: a time, a phase, a frequency.
+/// Tunable that is not a size: a time, a phase, a frequency.
 fn free(name: &'static str, lower: f64, upper: f64, scale: f64) -> Tunable {
     Tunable { name, lower, upper, scale, size: false }
 }
@@ -113,7 +113,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Both limits, or one that the record reaches.
+    /// Candidates of a saturation: both limits, or only the one that the record reaches.
     fn saturation(&mut self, j: usize, peak: f64) {
         let input = &self.vehicle.inputs[j];
         let at = [0.95, 0.8, 0.6, 0.4, 0.2];
@@ -139,7 +139,7 @@ impl Builder<'_> {
             vec![("gain", 1.0)];
         let gain = tunable("gain", 0.05, 20.0, 1e-3);
         let starts = starts.into_iter().map(|mut s| {
-            // With a gain of one it is the candidate above.
+            // With a gain of one this would equal the previous candidate.
             s.push(1.25);
             s
         });
@@ -162,7 +162,8 @@ impl Builder<'_> {
                     {
                         continue;
                     }
-                    // How much of this entry moves its state as much as everything else does.
+                    // The change of this matrix entry that moves its state as much as all other terms
+                    // together.
                     let reach = if matrix == Matrix::A { self.sizes.states[j] } else { self.sizes.inputs[j] };
                     if reach <= 0.0 || self.sizes.slopes[i] <= 0.0 {
                         continue;
@@ -243,8 +244,9 @@ impl Builder<'_> {
         for (a, &i) in present.iter().enumerate() {
             for &j in &present[a + 1..] {
                 let (first, second) = (&self.vehicle.outputs[i], &self.vehicle.outputs[j]);
-                // An IMU turns angles and rates about one axis: pairs of one dimension, angles first. Rates follow
-                // their angles and are a pair of their own only where the angles are not measured.
+                // An IMU misalignment mixes angles and rates about one axis: pairs of one dimension, angles
+                // first. Rates follow their angles, so they form their own pair only where the angles are not
+                // measured.
                 if first.unit.dimension() == second.unit.dimension() {
                     let place = format!("{},{}", first.name, second.name);
                     let angle = tunable("angle_rad", -1.6, 1.6, 1e-3);
@@ -275,7 +277,7 @@ pub fn library(vehicle: &Vehicle, sizes: &Sizes, present: &[usize]) -> Vec<Candi
     builder.all
 }
 
-/// A constant on a state's derivative from a time on.
+/// A constant force on a state's derivative from time `at_s` on.
 pub fn step(place: &str, at_s: f64, magnitude: f64, sizes: &Sizes, looks: f64) -> Candidate {
     let scale = magnitude.abs().max(f64::MIN_POSITIVE);
     Candidate {
@@ -294,7 +296,7 @@ pub fn step(place: &str, at_s: f64, magnitude: f64, sizes: &Sizes, looks: f64) -
     }
 }
 
-/// A constant on a state's derivative for a while.
+/// A constant force on a state's derivative for a limited time.
 pub fn pulse(
     place: &str,
     at_s: f64,
@@ -336,7 +338,7 @@ pub fn tone(
     }
 }
 
-/// The flight mode changes to that of another vehicle.
+/// A transition of the flight mode to that of another vehicle, at an unknown time.
 pub fn transition(to: &str, starts: Vec<f64>, sizes: &Sizes, looks: f64) -> Candidate {
     Candidate {
         kind: Kind::ModeTransition,

@@ -1,4 +1,5 @@
-//! What could be wrong: every effect of the table at every place, events and tones that the residual suggests.
+//! Candidate causes: every effect of the table at every place, and the events and tones that the residual
+//! suggests.
 
 pub mod candidate;
 pub mod events;

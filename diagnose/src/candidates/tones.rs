@@ -1,4 +1,4 @@
-//! Tones: frequencies at which a residual stands out of its own noise.
+//! Tones: frequencies at which a residual's spectrum stands out of its noise floor.
 
 use crate::thresholds::{MIN_PERIODS, TONE_POWER_RATIO, TONES_FOLLOWED};
 use rayon::prelude::*;
@@ -58,7 +58,7 @@ pub fn tones(
     sensed.into_iter().map(|(_, _, candidate)| candidate).chain(driven).collect()
 }
 
-/// Lines that stand out, highest first: power over that of their surroundings, and frequency, Hz.
+/// Spectral lines that stand out, highest first: power relative to their surroundings, and frequency, Hz.
 fn lines(samples: &[f64], period_s: f64) -> Vec<(f64, f64)> {
     let n = samples.len();
     if n < 64 {
@@ -77,7 +77,7 @@ fn lines(samples: &[f64], period_s: f64) -> Vec<(f64, f64)> {
     let bin = length as f64 / n as f64;
     let lowest = (MIN_PERIODS * bin).ceil() as usize;
     let mut peaks: Vec<(f64, f64)> = Vec::new();
-    // The floor changes slowly: one median serves all lines of a part of its window.
+    // The noise floor varies slowly: one median serves all lines in a part of its window.
     let mut known: Option<(usize, f64)> = None;
     for i in lowest.max(2)..power.len() - 2 {
         if power[i] < power[i - 1] || power[i] <= power[i + 1] {
@@ -100,7 +100,8 @@ fn lines(samples: &[f64], period_s: f64) -> Vec<(f64, f64)> {
             let (left, middle, right) = (power[i - 1].ln(), power[i].ln(), power[i + 1].ln());
             let shift = 0.5 * (left - right) / (left - 2.0 * middle + right);
             let f = (i as f64 + shift.clamp(-0.5, 0.5)) / (length as f64 * period_s);
-            // Not the largest: where the noise is loud, its own ups and downs are larger than a tone elsewhere.
+            // Lines are sorted by the ratio to the floor, not by power: where the noise is loud, its own
+            // peaks exceed a tone elsewhere.
             peaks.push((power[i] / floor, f));
         }
     }
@@ -116,12 +117,12 @@ fn lines(samples: &[f64], period_s: f64) -> Vec<(f64, f64)> {
     found
 }
 
-/// Amplitude and phase from the weights of sine and cosine.
+/// Amplitude and phase from the coefficients of sine and cosine.
 fn polar(sine: f64, cosine: f64) -> (f64, f64) {
     (sine.hypot(cosine), cosine.atan2(sine))
 }
 
-/// Two signatures together: the amplitudes that fit best.
+/// Least-squares amplitudes of two signatures together.
 fn pair(score_test: &ScoreTest<'_>, a: &[f64], b: &[f64]) -> Option<(f64, f64)> {
     use crate::model::columns::dot;
     let (a, b, e) = (score_test.signature(a), score_test.signature(b), score_test.residual());

@@ -1,4 +1,4 @@
-//! What is wrong with the data themselves, before any cause is looked for.
+//! Checks of the data themselves, before any cause is searched for.
 
 use crate::data::gaps;
 use crate::thresholds::{GAP_STEPS, MIN_BIC_GAIN, SAME_SIGNAL_FIT, STUCK_SHARE};
@@ -19,7 +19,7 @@ fn finding(kind: &str, place: &str, blocking: bool, text: String) -> DataFinding
     DataFinding { kind: kind.into(), place: place.into(), text, blocking }
 }
 
-/// A long record is looked at with a period of its own.
+/// Finding: a long record is diagnosed at a coarser period.
 pub fn thinned(period_s: f64) -> DataFinding {
     let text = format!(
         "the record is long and was resampled to {period_s:.6} s; --period S sets a shorter period, which takes longer"
@@ -27,7 +27,7 @@ pub fn thinned(period_s: f64) -> DataFinding {
     finding("long", "t", false, text)
 }
 
-/// What the clock and the numbers of a record show.
+/// Findings on the clock and the values of a record.
 pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
     let mut found = Vec::new();
     let steps: Vec<f64> = record.time.windows(2).map(|t| t[1] - t[0]).collect();
@@ -85,7 +85,7 @@ pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
     found
 }
 
-/// Channels that stood still; their samples are set aside.
+/// Finds channels that stood still, and excludes those samples.
 pub fn stuck(data: &mut Data, vehicle: &Vehicle) -> Vec<DataFinding> {
     let mut found = Vec::new();
     let (start_s, period_s) = (data.start_s, data.period_s);
@@ -114,7 +114,7 @@ pub fn stuck(data: &mut Data, vehicle: &Vehicle) -> Vec<DataFinding> {
             .iter()
             .filter(|v| v.is_finite())
             .fold((f64::INFINITY, f64::NEG_INFINITY), |s, v| (s.0.min(*v), s.1.max(*v)));
-        // At the greatest or least value of all it is a limit, which is an effect of its own.
+        // Samples stuck at the largest or smallest value of all are a limit, which is an effect of its own.
         runs.retain(|r| {
             let v = channel.values[r.0];
             spread.0 == spread.1 || v > spread.0 && v < spread.1
@@ -143,7 +143,7 @@ pub fn stuck(data: &mut Data, vehicle: &Vehicle) -> Vec<DataFinding> {
     found
 }
 
-/// Inputs that tell nothing.
+/// Findings on inputs without excitation.
 pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
     let mut found = Vec::new();
     let mut still = Vec::new();
@@ -153,8 +153,8 @@ pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
         let spread = rms(&u.iter().map(|v| v - mean).collect::<Vec<_>>());
         let peak = u.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         if spread <= 1e-6 * peak.max(1e-12) {
-            // A step that stands from the first sample on excites, where the outputs answer to it: beside fitted noise, or beside
-            // the declared, of which a slow answer is no part.
+            // A step that is present from the first sample on excites the vehicle where the outputs respond
+            // to it: beside fitted noise, or beside the declared noise, of which a slow response is no part.
             let answers = |gain: fn(&Vehicle, &Data, &[usize]) -> Option<f64>| {
                 gain(vehicle, data, &[j]).is_some_and(|g| g > MIN_BIC_GAIN)
             };
@@ -187,7 +187,7 @@ pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
     found
 }
 
-/// How much of `y` a simulated signal explains: 1 - |y - s|^2 / |y|^2 of the parts that change.
+/// Share of `y` that a simulated signal explains: 1 - |y - s|^2 / |y|^2 of the varying parts.
 fn fit(y: &[f64], s: &[f64], factor: f64) -> f64 {
     let (my, ms) = (whirlstand_logs::stats::mean(y), whirlstand_logs::stats::mean(s));
     let error: f64 = y.iter().zip(s).map(|(y, s)| (y - my - factor * (s - ms)).powi(2)).sum();
@@ -195,7 +195,8 @@ fn fit(y: &[f64], s: &[f64], factor: f64) -> f64 {
     if power > 0.0 { 1.0 - error / power } else { 0.0 }
 }
 
-/// Channels that were swapped, turned round or written in another unit: what the simulation says of one fits another.
+/// Finds channels that were swapped, have the wrong sign or another unit: the simulation of one channel fits
+/// the measurement of another.
 pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> Vec<DataFinding> {
     let data = free_run.data;
     let vehicle = &free_run.vehicle;
@@ -265,15 +266,15 @@ pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> 
     found
 }
 
-/// True when most of the other channels are somewhat like their simulation, or there are none: of a vehicle that flies quite
-/// another way, one that runs the other way tells nothing.
+/// True when most other channels resemble their simulation, or when there are none: a vehicle that flies
+/// quite differently proves nothing by one channel of the opposite sign.
 fn others_fit(own_fits: &[f64], channel: usize) -> bool {
     let others: Vec<f64> =
         own_fits.iter().enumerate().filter(|(c, _)| *c != channel).map(|(_, f)| *f).collect();
     others.is_empty() || whirlstand_logs::stats::median(&others) > 0.0
 }
 
-/// What the other channels say of one: its simulation from the initial state that fits them.
+/// Simulation of a channel from the initial state that fits all other channels.
 fn foretold(free_run: &FreeRun<'_>, channel: usize) -> Option<Vec<f64>> {
     let mut others = free_run.data.clone();
     (others.channels.len() > 1).then_some(())?;
@@ -285,7 +286,7 @@ fn foretold(free_run: &FreeRun<'_>, channel: usize) -> Option<Vec<f64>> {
     Some(fit.predicted[others.ranges()[channel].clone()].to_vec())
 }
 
-/// Inputs that were swapped or turned round: the vehicle answers to the other one.
+/// Finds inputs that were swapped or have the wrong sign: the vehicle responds to the other one.
 pub fn inputs(
     free_run: &FreeRun<'_>,
     initial: &[f64],

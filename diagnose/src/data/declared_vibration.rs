@@ -1,4 +1,4 @@
-//! What the vehicle file itself says of tones: a declared vibration of a sensor is no discovery.
+//! Vibrations that the vehicle file declares for a sensor: these are known and not a finding.
 
 use crate::thresholds::{DECLARED_AMPLITUDE_RATIO, DECLARED_FREQUENCY_LINES};
 use nalgebra::{Matrix2, Vector2};
@@ -6,8 +6,8 @@ use whirlstand_vehicle::{Engine, Vehicle};
 
 use crate::data::record::Data;
 
-/// Takes the declared vibrations off what was measured, at the phase and size that the residual shows, up to the declared
-/// size: what a sensor shakes more than its file says stays, and is found.
+/// Subtracts the declared vibrations from the measurements, with the phase and amplitude that the residual
+/// shows, up to the declared amplitude: a vibration beyond that stays in the data and is found.
 pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) {
     let (ranges, period_s, duration_s) = (data.ranges(), data.period_s, data.duration_s());
     for (channel, range) in data.channels.iter_mut().zip(ranges) {
@@ -39,7 +39,7 @@ pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) {
     }
 }
 
-/// Weights of sine and cosine that fit best.
+/// Least-squares coefficients of sine and cosine at frequency `f`.
 fn tone(rest: &[f64], good: &[bool], f: f64, at: impl Fn(usize) -> f64) -> Vector2<f64> {
     let (mut square, mut product) = (Matrix2::zeros(), Vector2::zeros());
     for (k, (r, _)) in rest.iter().zip(good).enumerate().filter(|(_, (_, good))| **good) {

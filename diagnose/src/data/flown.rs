@@ -1,10 +1,11 @@
-//! Flights of a vehicle, for tests.
+//! Simulated flights of a vehicle, for tests.
 
 use whirlstand_vehicle::{Simulator, Vehicle};
 
 use super::record::{Channel, Data};
 
-/// A flight with these inputs, row after row, at steps of 20 ms and without a filter that follows it.
+/// A flight with these inputs (steps x inputs, row after row) at steps of 20 ms, without a filter that
+/// follows it.
 pub fn flown(vehicle: &Vehicle, inputs: Vec<f64>, seed: u64) -> Data {
     let (m, period_s) = (vehicle.inputs.len(), 0.02);
     let steps = inputs.len() / m;

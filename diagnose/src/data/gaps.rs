@@ -1,4 +1,4 @@
-//! Gaps in a record: how long one may be for a prediction to go on through it.
+//! Gaps in a record: the longest gap through which a prediction may continue.
 
 use std::f64::consts::PI;
 
@@ -9,12 +9,13 @@ use whirlstand_vehicle::Vehicle;
 use crate::thresholds::{BRIDGED_RECORD_SHARE, BRIDGED_TIME_CONSTANT_SHARE, GAP_STEPS};
 use crate::vehicle_poles::time_constants_s;
 
-/// The longest gap through which a prediction goes on, s. Samples that are missing cost nothing but their own information
-/// (a filter predicts through them), as long as the commands in the gap are known well enough. They are where they
-/// change so slowly that their neighbours tell them: samples half a period of the input's band apart do (Shannon 1949),
-/// the band by the frequency with which it crosses its mean (Rice 1944). And they do little where the vehicle is slow: in
-/// a tenth of its fastest time constant a command moves it by at most a tenth of what it does in the end. An integrator
-/// has no such time: for it a hundredth of the record.
+/// The longest gap through which a prediction may continue, s. Missing samples cost nothing but their own
+/// information (a filter predicts through them), as long as the commands in the gap are known well enough.
+/// Commands are known where they change so slowly that their neighbours determine them: samples half a period
+/// of the input's band apart do (Shannon 1949), the band by the frequency with which the input crosses its
+/// mean (Rice 1944). Commands matter little where the vehicle is slow: in a tenth of its fastest time
+/// constant a command moves it by at most a tenth of its final response. An integrator has no such time: for
+/// it a hundredth of the record.
 pub fn bridged_s(record: &Record, vehicle: &Vehicle, period_s: f64) -> f64 {
     let inputs = vehicle.inputs.iter().filter_map(|i| record.get(&i.name));
     let half_period = inputs.map(|signal| half_period_s(&record.time, &signal.values));
@@ -25,8 +26,8 @@ pub fn bridged_s(record: &Record, vehicle: &Vehicle, period_s: f64) -> f64 {
     known.max(slow).max(GAP_STEPS * period_s)
 }
 
-/// Half a period of the frequency with which a signal crosses its mean: rms of its slope over 2 pi times its own. Infinite
-/// for a signal that does not move.
+/// Half a period of the frequency with which a signal crosses its mean: rms of its slope over 2 pi times its
+/// own rms. Infinite for a constant signal.
 fn half_period_s(time: &[f64], values: &[f64]) -> f64 {
     let known: Vec<(f64, f64)> =
         time.iter().copied().zip(values.iter().copied()).filter(|(_, v)| v.is_finite()).collect();

@@ -1,4 +1,4 @@
-//! Several records, or the parts of one, as one.
+//! Joins several records, or the parts of one, into one.
 
 use std::borrow::Cow;
 
@@ -10,12 +10,13 @@ use crate::data::gaps;
 use crate::data::record::{Channel, Data};
 use crate::thresholds::{MAX_AR_ORDER, MIN_PART_STEPS, MIN_STEPS, SAME_PERIOD_SHARE};
 
-/// At most one in so many steps of a record is left out for its sensors to go on in the same steps. Cost.
+/// At most one step in this many is dropped from a record to align its sensors with the steps before. Cost.
 const MOST_LEAD: usize = 10;
 
 impl Data {
-    /// Several records as one, the outputs that all of them have. Across a long gap nobody knows what was commanded: what
-    /// follows it counts as a record of its own. In a short one samples are missing, and the prediction goes on.
+    /// Several records as one, with the outputs that all of them have. Commands in a long gap are unknown:
+    /// the part after it counts as a record of its own. In a short gap samples are missing, and the
+    /// prediction continues.
     ///
     /// # Errors
     /// As [`Data::new`], when periods differ, and when all records together are too short.
@@ -44,8 +45,8 @@ impl Data {
         Ok(whole)
     }
 
-    /// Puts another record behind this one, without as many of its first steps as let most sensors go on in their own steps; samples
-    /// of the rest do not count.
+    /// Appends another record, without as many of its first steps as align most sensors with their sampling
+    /// steps; samples of the other sensors are dropped.
     fn append(&mut self, mut other: Self) {
         self.channels.retain(|c| other.channels.iter().any(|o| o.output == c.output && o.stride == c.stride));
         other.channels.retain(|o| self.channels.iter().any(|c| o.output == c.output && o.stride == c.stride));
@@ -55,7 +56,7 @@ impl Data {
         let both = || self.channels.iter().zip(&other.channels);
         let going_on = |lead: usize| both().filter(|(own, theirs)| goes_on(own, theirs, lead)).count();
         let round = self.channels.iter().map(|c| c.stride).product::<usize>();
-        // The first of the best.
+        // The first of equally good alignments.
         let leads = (0..round.min(other.steps / MOST_LEAD)).rev();
         let lead = leads.max_by_key(|lead| going_on(*lead)).unwrap_or(0);
         let aligned: Vec<bool> = both().map(|(own, theirs)| goes_on(own, theirs, lead)).collect();
@@ -68,7 +69,7 @@ impl Data {
             own.good.resize(from, false);
             own.values.extend(theirs.values);
             own.good.extend(theirs.good.into_iter().map(|good| good && aligned));
-            // A noise model must not see one record as the other's past.
+            // A noise model must not take one record for the past of the next.
             let until = (from + MAX_AR_ORDER).min(own.good.len());
             own.good[from..until].fill(false);
         }
@@ -90,8 +91,8 @@ impl Data {
     }
 }
 
-/// The parts of a record between the gaps that cannot be bridged; the record itself when it has none. A part counts when
-/// more than an initial state can be told from it.
+/// The parts of a record between the gaps that cannot be bridged; the record itself when it has none. A part
+/// counts when it determines more than an initial state.
 fn unbroken<'r>(record: &'r Record, vehicle: &Vehicle) -> Vec<Cow<'r, Record>> {
     let steps: Vec<f64> = record.time.windows(2).map(|w| w[1] - w[0]).collect();
     let usual = whirlstand_logs::stats::median(&steps);

@@ -1,4 +1,5 @@
-//! Commands beyond the limits that the vehicle file states: whose limit is wrong, the file's or the record's.
+//! Commands beyond the limits that the vehicle file states: decides whether the file's limit or the record is
+//! wrong.
 
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
@@ -9,17 +10,17 @@ use crate::answer::DataFinding;
 use crate::model::predictor::memories;
 use crate::thresholds::{MIN_BIC_GAIN, MIN_HELD_SAMPLES};
 
-/// What the commands of a record say of the limits.
+/// Result of comparing a record's commands with the limits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limits {
     /// The vehicle with limits as wide as the commands, where the outputs answered to them.
     pub wider: Option<Vehicle>,
-    /// In sentences; none where all commands are within the limits.
+    /// Findings as sentences; empty where all commands are within the limits.
     pub found: Vec<DataFinding>,
 }
 
-/// Compares commands with limits. Where some are beyond, the record is predicted with and without the limits, by
-/// predictors that follow it: the likelier says whether the vehicle answered beyond them.
+/// Compares commands with limits. Where some are beyond, the record is predicted with and without the limits,
+/// by predictors that follow it: the more likely one decides whether the vehicle responded beyond the limits.
 pub fn limits(records: &[Record], vehicle: &Vehicle, options: &Options) -> Limits {
     let beyond = beyond(records, vehicle);
     if beyond.is_empty() {
@@ -70,7 +71,7 @@ fn beyond(records: &[Record], vehicle: &Vehicle) -> Vec<(usize, f64, f64, f64)> 
     let one = |(j, input): (usize, &whirlstand_vehicle::Input)| {
         let values = records.iter().filter_map(|r| r.get(&input.name)).flat_map(|s| s.values.iter().copied());
         let values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
-        // What rounding does to a command at the limit is not beyond it.
+        // Rounding of a command at the limit does not count as beyond it.
         let reach = 1e-3 * (input.upper - input.lower);
         let out = |v: &&f64| **v < input.lower - reach || **v > input.upper + reach;
         let count = values.iter().filter(out).count();

@@ -1,4 +1,4 @@
-//! What the diagnosis looks at: records on an even grid, and what they show by themselves.
+//! Data of a diagnosis: records on an even grid, and checks that need no model.
 
 pub mod checks;
 pub mod declared_vibration;

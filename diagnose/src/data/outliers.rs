@@ -1,4 +1,4 @@
-//! Wild values: single samples that stand far from where their neighbours say that they should be.
+//! Outliers: single samples far from the values that their neighbours suggest.
 
 use crate::thresholds::{
     ISOLATED_SIGMAS, MAX_AR_ORDER, MIN_BIC_GAIN, MIN_OUTLIERS, MIXTURE_ROUNDS, NEIGHBOURS, OUTLIER_ROUNDS,
@@ -16,36 +16,38 @@ use crate::model::noise::filtered;
 use whirlstand_ident::identify::ar::Ar;
 use whirlstand_logs::stats::{mad_std, mean, median, rms};
 
-/// Values of a channel that do not belong there.
+/// Outliers of a channel.
 struct Wild {
-    /// Sample, and by how much it is off.
+    /// Index of each sample and its deviation.
     values: Vec<(usize, f64)>,
-    /// Standard deviation of that without wild values.
+    /// Standard deviation of the deviations without outliers.
     spread: f64,
-    /// How many of them stand by themselves: a bend is no wild value.
+    /// Number of isolated outliers: a bend of the signal is not an outlier.
     alone: usize,
-    /// By how much the others are off.
+    /// Deviations of all other samples.
     others: Vec<f64>,
 }
 
 impl Wild {
-    /// Mean of the sizes, and how much they differ.
+    /// Mean of the outliers' magnitudes, and their spread.
     fn sizes(&self) -> (f64, f64) {
         let sizes: Vec<f64> = self.values.iter().map(|(_, size)| size.abs()).collect();
         let magnitude = mean(&sizes);
         (magnitude, rms(&sizes.iter().map(|s| s - magnitude).collect::<Vec<_>>()))
     }
 
-    /// True for a population of their own, of one magnitude beside a normal one, by BIC. Else the noise has heavy tails, as
-    /// Student's t, and this is what they reach (Lange, Little and Taylor 1989).
+    /// True when the outliers are a population of their own, of one magnitude beside normal noise, by BIC.
+    /// Otherwise the noise is heavy-tailed, as Student's t, and the outliers are its tails (Lange, Little and
+    /// Taylor 1989).
     fn are_apart(&self) -> bool {
         let all: Vec<f64> = self.others.iter().copied().chain(self.values.iter().map(|v| v.1)).collect();
-        // Spread, magnitude and share against scale and degrees: one number more.
+        // Spread, magnitude and share against scale and degrees of freedom: one parameter more.
         2.0 * (self.contaminated(&all) - student(&all)) > (all.len() as f64).ln() + MIN_BIC_GAIN
     }
 
-    /// Greatest log-likelihood of normal values of which a share is off by one magnitude, up or down (Tukey 1960), by
-    /// expectation and maximisation from the wild values on: where these end and the others begin is not a matter of a limit.
+    /// Maximum log-likelihood of normal values of which a share is shifted by one magnitude, up or down
+    /// (Tukey 1960), by expectation maximisation starting from the outliers: the boundary between them is no
+    /// fixed limit.
     fn contaminated(&self, all: &[f64]) -> f64 {
         let n = all.len() as f64;
         let (mut magnitude, mut share) = (self.sizes().0, self.values.len() as f64 / n);
@@ -74,8 +76,8 @@ impl Wild {
     }
 }
 
-/// Greatest log-likelihood of Student's t about zero: degrees of freedom from a grid, the scale of each by expectation and
-/// maximisation.
+/// Maximum log-likelihood of Student's t about zero: degrees of freedom from a grid, the scale of each by
+/// expectation maximisation.
 fn student(values: &[f64]) -> f64 {
     let n = values.len() as f64;
     let of = |degrees: f64| {
@@ -90,8 +92,9 @@ fn student(values: &[f64]) -> f64 {
     STUDENT_DEGREES.into_iter().filter_map(of).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// Finds values far from their neighbours in a residual (all channels), and sets them aside. Where a channel is `known` to
-/// round, cut or repeat its values, what is left of that looks wild by the colour: there, only plain ones count.
+/// Finds outliers in a residual (all channels), and excludes them. In a channel that is `known` to round,
+/// clip or repeat its values, coloured noise can make its residual look like outliers: there, only clear ones
+/// count.
 pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Vec<SampleEffect> {
     let ranges = data.ranges();
     let mut found = Vec::new();
@@ -108,7 +111,7 @@ pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Ve
             let enough = at.len() >= MIN_OUTLIERS || !at.is_empty() && plain && own.is_empty();
             enough && at.len() * 4 <= r.len() && longest_run(&at) <= 3
         };
-        // The effect of the table is off by one magnitude, up or down, and by itself.
+        // The table's effect of outliers has one magnitude, up or down, and isolated samples.
         let alike = |wild: &Wild| {
             let (magnitude, differing) = wild.sizes();
             differing <= 0.35 * magnitude && wild.alone * 10 >= wild.values.len() * 9 && wild.are_apart()
@@ -139,8 +142,8 @@ pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Ve
     found
 }
 
-/// Drops wild values that the causes explain: a late sensor errs most where its signal jumps. `good` are the samples that
-/// counted before any were set aside.
+/// Drops outliers that the causes explain: a delayed sensor errs most where its signal jumps. `good` marks
+/// the samples that counted before any were excluded.
 pub fn still_wild(samples: &mut Vec<SampleEffect>, data: &Data, good: Vec<Vec<bool>>, predicted: &[f64]) {
     let (wild, others): (Vec<_>, Vec<_>) =
         samples.iter().cloned().partition(|e: &SampleEffect| e.kind == Kind::Outliers);
@@ -156,9 +159,9 @@ pub fn still_wild(samples: &mut Vec<SampleEffect>, data: &Data, good: Vec<Vec<bo
     samples.retain(|e| e.kind != Kind::Outliers || again.iter().any(|a| a.channel == e.channel));
 }
 
-/// Values farther from the middle of their neighbours than `least`: whatever the colour of the others.
+/// Values farther from the median of their neighbours than `least`.
 fn far(r: &[f64], good: &[bool], least: f64) -> Wild {
-    // How far a value stands from its neighbours, and how far these stand from each other.
+    // Distance of a value from its neighbours, and scatter of the neighbours.
     let (away, scatter): (Vec<f64>, Vec<f64>) = (0..r.len())
         .map(|k| {
             let around: Vec<f64> = (k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(r.len()))
@@ -182,8 +185,8 @@ fn far(r: &[f64], good: &[bool], least: f64) -> Wild {
     Wild { values, spread, alone, others }
 }
 
-/// Values far from what those before and after them foretell by the noise's own colour. Where the noise swings fast, a
-/// value that is off by little stands out of that only.
+/// Values far from what an autoregressive noise model predicts from the samples before and after. Where the
+/// noise varies fast, a small outlier stands out only this way.
 fn foretold(r: &[f64], good: &[bool]) -> Option<Wild> {
     let mut rest = r.to_vec();
     let mut found = None;
@@ -192,7 +195,7 @@ fn foretold(r: &[f64], good: &[bool]) -> Option<Wild> {
         let mut colour = vec![1.0];
         colour.extend(&ar.coefficients);
         let mut white = filtered(&ar, r);
-        // What went before the first is not known.
+        // The first samples have no known past.
         white.iter_mut().take(ar.order()).for_each(|e| *e = 0.0);
         let kept: Vec<f64> = white.iter().copied().filter(|e| *e != 0.0).collect();
         let unit = mad_std(&kept);
@@ -244,7 +247,7 @@ mod tests {
         (0..SAMPLES).map(|_| stream.normal()).collect()
     }
 
-    /// Student's t of so many degrees.
+    /// Student's t noise with the given degrees of freedom.
     fn heavy_tails(seed: u64, degrees: usize) -> Vec<f64> {
         let mut stream = Stream::new(seed, "outliers");
         let chi_square =
@@ -261,7 +264,7 @@ mod tests {
         };
         let falsely = (0..50).filter(|seed| named(&heavy_tails(*seed, 3))).count();
         assert!(falsely <= 1, "{falsely} of 50");
-        // Some of those of 8 lie within the limit beyond which a value is wild.
+        // Some of the outliers of size 8 are within the limit that defines an outlier.
         for (size, every) in [(15.0, 700), (8.0, 100)] {
             for seed in 0..50 {
                 let mut r = normal(seed);

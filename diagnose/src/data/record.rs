@@ -1,4 +1,4 @@
-//! A record as a diagnosis sees it: inputs on an even grid, and every measured output as a sequence of its own.
+//! A record as a diagnosis uses it: inputs on an even grid, and every measured output as its own sequence.
 
 use std::borrow::Cow;
 
@@ -9,25 +9,25 @@ use whirlstand_vehicle::{Simulator, Vehicle};
 use crate::DiagnoseError;
 use whirlstand_ident::identify::data::Segment;
 
-/// One measured output: samples every `stride` steps from step `first` on.
+/// One measured output, sampled every `stride` steps from step `first` on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// Index of the vehicle's output.
     pub output: usize,
-    /// Steps from one sample to the next.
+    /// Steps between two samples.
     pub stride: usize,
-    /// Step of the first sample, before `stride`; one that was not measured is missing.
+    /// Step of the first sample, less than `stride`; a sample that was not measured is missing.
     pub first: usize,
     /// Measured values, SI; NaN where there is none.
     pub values: Vec<f64>,
-    /// Which samples count: measured, and not set aside as held, clipped or an outlier.
+    /// True for samples that count: measured, and not excluded as held, clipped or an outlier.
     pub good: Vec<bool>,
-    /// Standard deviation of the noise that the vehicle file declares, SI; 0 where it says nothing.
+    /// Standard deviation of the noise that the vehicle file declares, SI; 0 where it declares none.
     pub declared: f64,
 }
 
 impl Channel {
-    /// The measured value at a step, if there is one that counts.
+    /// The measured value at a step, if a valid sample lies there.
     pub fn measured_at(&self, step: usize) -> Option<f64> {
         let since = step.checked_sub(self.first)?;
         let sample = since / self.stride;
@@ -43,11 +43,11 @@ impl Channel {
 /// A record on an even grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Data {
-    /// Where it was read from.
+    /// Path of the file from which the record was read.
     pub origin: String,
     /// Time of step 0 on the record's clock, s.
     pub start_s: f64,
-    /// Period, s.
+    /// Sampling period, s.
     pub period_s: f64,
     /// Number of steps.
     pub steps: usize,
@@ -55,27 +55,28 @@ pub struct Data {
     pub inputs: Vec<f64>,
     /// Number of inputs.
     pub m: usize,
-    /// First steps of the records, when there are several: each has an initial state of its own.
+    /// First steps of the records, when there are several: each record has its own initial state.
     pub starts: Vec<usize>,
-    /// The same steps on each whole record's own clock, from which effects count their time.
+    /// The same first steps on the clock of each original record, on which effects count time.
     pub clocks: Vec<u64>,
-    /// True when the first commands were there before the records began; else the inputs were at rest.
+    /// True when the first commands were already applied before the records began; else the inputs were at
+    /// rest.
     pub held: bool,
-    /// For how long a prediction remembers what it has missed, s: it is that of a filter with process noise. `None` for
-    /// a free run, which is never corrected.
+    /// Memory of the predictor, s: the time for which a filter with process noise remembers prediction
+    /// errors. `None` for a free run, which is never corrected.
     pub memory_s: Option<f64>,
     /// The outputs that were measured.
     pub channels: Vec<Channel>,
 }
 
-/// A multiple of the records' period at which all of them together are no longer than can be searched in minutes; `None`
-/// when they are not at their own.
+/// A multiple of the records' period at which all of them together are short enough to be searched in
+/// minutes; `None` when they already are.
 pub fn coarser_period(records: &[Record]) -> Option<f64> {
     coarser_period_for(records, None, MAX_SEARCHED_STEPS)
 }
 
-/// A multiple of the records' period, or of the given one, at which all of them together have at most so many steps; `None`
-/// when they have no more at their own.
+/// A multiple of the records' period, or of the given one, at which all of them together have at most `most`
+/// steps; `None` when they already have no more.
 pub fn coarser_period_for(records: &[Record], period_s: Option<f64>, most: f64) -> Option<f64> {
     let first = records.first().filter(|r| r.time_unit == "s")?;
     let steps = first.time.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>();
@@ -108,7 +109,8 @@ impl Data {
         })
     }
 
-    /// A simulator for the record that begins at a step. `None` when the vehicle has no finite step.
+    /// A simulator for the record that begins at a step. `None` when the vehicle has no finite
+    /// discretisation.
     pub fn begin(&self, vehicle: &Vehicle, step: usize) -> Option<Simulator> {
         let before = if self.held { self.commands(step) } else { &[] };
         let mut simulator = Simulator::expected_from(vehicle, self.period_s, before).ok()?;
@@ -116,19 +118,19 @@ impl Data {
         Some(simulator)
     }
 
-    /// A step on the clock of the whole record that it belongs to.
+    /// A step on the clock of the original record to which it belongs.
     pub fn clock(&self, step: usize) -> u64 {
         let record = self.starts.partition_point(|start| *start <= step).saturating_sub(1);
         let own = |(start, clock): (&usize, &u64)| clock + (step - start) as u64;
         self.starts.get(record).zip(self.clocks.get(record)).map_or(step as u64, own)
     }
 
-    /// When a step is, s, as effects count it: from the beginning of the whole record.
+    /// Time of a step, s, on the clock of the effects: since the beginning of the original record.
     pub fn time_s(&self, step: usize) -> f64 {
         self.clock(step) as f64 * self.period_s
     }
 
-    /// The first and the last time that any of the records has, s, as effects count it.
+    /// First and last time of all records, s, on the clock of the effects.
     pub fn times_s(&self) -> (f64, f64) {
         let lengths =
             self.starts.iter().skip(1).chain([&self.steps]).zip(&self.starts).map(|(end, start)| end - start);
@@ -137,12 +139,13 @@ impl Data {
         (first, ends.max().map_or(0.0, |last| last as f64 * self.period_s))
     }
 
-    /// The inputs of a step.
+    /// The inputs at a step.
     pub fn commands(&self, step: usize) -> &[f64] {
         self.inputs.get(step * self.m..(step + 1) * self.m).unwrap_or_default()
     }
 
-    /// True when a record's first commands are far from rest: then what came before it matters to delays and lags.
+    /// True when a record's first commands are far from rest: delays and lags then depend on commands before
+    /// the record.
     pub fn begins_moving(&self, vehicle: &Vehicle) -> bool {
         let reach: Vec<f64> =
             (0..self.m).map(|j| self.input(j).fold(0.0f64, |m, u| m.max(u.abs()))).collect();
@@ -154,27 +157,27 @@ impl Data {
         })
     }
 
-    /// Samples of all channels together.
+    /// Number of samples of all channels.
     pub fn samples(&self) -> usize {
         self.channels.iter().map(|c| c.values.len()).sum()
     }
 
-    /// Samples that count.
+    /// Number of samples that count.
     pub fn good(&self) -> usize {
         self.channels.iter().map(|c| c.good.iter().filter(|g| **g).count()).sum()
     }
 
-    /// Length, s.
+    /// Length of all records, s.
     pub fn duration_s(&self) -> f64 {
         self.steps as f64 * self.period_s
     }
 
-    /// An input as a sequence.
+    /// All values of one input.
     pub fn input(&self, j: usize) -> impl Iterator<Item = f64> + '_ {
         self.inputs.iter().skip(j).step_by(self.m).copied()
     }
 
-    /// Where each channel's samples lie among all samples, channel after channel.
+    /// Index ranges of the channels in a vector of all samples, channel after channel.
     pub fn ranges(&self) -> Vec<std::ops::Range<usize>> {
         let mut at = 0;
         self.channels
@@ -192,8 +195,8 @@ impl Data {
         self.channels.iter().flat_map(|c| c.values.iter().copied()).collect()
     }
 
-    /// Replaces samples that do not count by the straight line between their neighbours. As it is linear, it may be
-    /// done to a residual and to a signature alike, and the two stay comparable.
+    /// Replaces samples that do not count by linear interpolation between their neighbours. As the operation
+    /// is linear, it may be applied to a residual and to a signature alike, and both stay comparable.
     pub fn fill(&self, samples: &mut [f64]) {
         for (channel, range) in self.channels.iter().zip(self.ranges()) {
             if channel.good.contains(&false) {
@@ -202,7 +205,7 @@ impl Data {
         }
     }
 
-    /// As [`Data::fill`], a copy only where there is something to fill.
+    /// As [`Data::fill`], but copies only where there is something to fill.
     pub fn filled<'s>(&self, samples: &'s [f64]) -> Cow<'s, [f64]> {
         let mut samples = Cow::Borrowed(samples);
         if self.channels.iter().any(|c| c.good.contains(&false)) {
@@ -216,7 +219,7 @@ fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Chann
     let all = segment.output(i, p);
     let present: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
     let first = *present.first()?;
-    // A sensor that is slower than the record delivers every so many steps.
+    // A sensor slower than the record delivers a sample every `stride` steps.
     let mut gaps: Vec<usize> = present.windows(2).map(|w| w[1] - w[0]).collect();
     gaps.sort_unstable();
     let mut stride = gaps.get(gaps.len() / 2).copied().unwrap_or(1);
@@ -224,7 +227,7 @@ fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Chann
     if let Some((start, every)) = repeated_every(&all) {
         (first, stride) = (start % every, every);
     }
-    // One that comes late has missing samples before.
+    // A sensor that starts late has missing samples before.
     first %= stride;
     let values: Vec<f64> = all.iter().skip(first).step_by(stride).copied().collect();
     let good = values.iter().map(|v| v.is_finite()).collect();

@@ -1,7 +1,6 @@
-//! What single samples show, whatever the model: rounding, clipping, held and wild values.
+//! Effects on single samples that need no model: rounding, clipping, held values and outliers.
 //!
-//! Samples that are not what the sensor would have delivered are set aside, so that all that follows rests on the
-//! others.
+//! Samples that are not what the sensor would have delivered are excluded from everything that follows.
 
 use crate::thresholds::{
     COARSE_STEP_SHARE, MIN_HELD_SAMPLES, MIN_LEVELS, MIN_STEPS_OF_A_LIMIT, NEIGHBOURS, NEW_VALUE_SHARE,
@@ -15,23 +14,23 @@ use crate::data::record::{Channel, Data};
 use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 use whirlstand_logs::stats::{mad_std, median, rms};
 
-/// Values whose difference is no more than this share of the largest are the same but for arithmetic.
+/// Values whose difference is at most this share of the largest are equal up to rounding of the arithmetic.
 const SAME_VALUE: f64 = 1e-9;
 
-/// An effect on single samples of a channel.
+/// An effect on single samples of a channel, such as rounding or clipping.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampleEffect {
-    /// Which effect.
+    /// Kind of the effect.
     pub kind: Kind,
-    /// Channel.
+    /// Index of the channel.
     pub channel: usize,
-    /// Parameters: value, lower and upper end of the 95 % interval, SI.
+    /// Parameters by name: value, lower and upper end of the 95 % interval, SI.
     pub parameters: BTreeMap<&'static str, (f64, f64, f64)>,
-    /// Samples that it touched.
+    /// Number of samples affected.
     pub samples: usize,
 }
 
-/// Finds rounding, clipping and held samples in what was measured, and sets samples aside.
+/// Finds rounding, clipping and held samples in the measurements, and excludes the affected samples.
 pub fn measured_effects(data: &mut Data, vehicle: &Vehicle) -> Vec<SampleEffect> {
     let mut found = Vec::new();
     for (index, channel) in data.channels.iter_mut().enumerate() {
@@ -63,13 +62,14 @@ pub fn is_coarse(channel: &Channel, output: &Output) -> bool {
     rounding(channel, noise).is_some()
 }
 
-/// Standard deviation of what changes from sample to sample.
+/// Standard deviation of the sample-to-sample changes of a channel.
 fn fast_noise(channel: &Channel) -> f64 {
     let differences: Vec<f64> = channel.values.windows(2).map(|w| w[1] - w[0]).collect();
     mad_std(&differences) / 2f64.sqrt()
 }
 
-/// The step of which all values are multiples, if it is coarser than `least`. A limit that cuts them is no multiple.
+/// The rounding step of which all values are multiples, if it is coarser than `least`. A limit that clips
+/// them need not be a multiple.
 fn rounding(channel: &Channel, least: f64) -> Option<f64> {
     let mut values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
     values.sort_unstable_by(f64::total_cmp);
@@ -80,7 +80,7 @@ fn rounding(channel: &Channel, least: f64) -> Option<f64> {
     })
 }
 
-/// As [`rounding`], of sorted values.
+/// The rounding step of sorted values, as in [`rounding`].
 fn step_of(values: &[f64], least: f64) -> Option<f64> {
     let tiny = SAME_VALUE * values.last()?.abs().max(values.first()?.abs());
     let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|g| *g > tiny).collect();
@@ -91,7 +91,7 @@ fn step_of(values: &[f64], least: f64) -> Option<f64> {
     if smallest < least {
         return None;
     }
-    // Gaps are multiples of the step; more digits come from the value farthest from zero.
+    // Gaps are multiples of the step; the value farthest from zero determines more digits.
     let singles: Vec<f64> = gaps.iter().copied().filter(|g| *g < 1.5 * smallest).collect();
     let mut step = median(&singles);
     let far =
@@ -107,7 +107,7 @@ fn step_of(values: &[f64], least: f64) -> Option<f64> {
     (on * 10 >= values.len() * 9).then_some(step)
 }
 
-/// Values that pile up at the greatest or the least.
+/// Clipping: values that pile up at the largest or the smallest one.
 fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Option<SampleEffect> {
     let finite = || channel.values.iter().copied().filter(|v| v.is_finite());
     let (top, bottom) = (finite().fold(f64::NEG_INFINITY, f64::max), finite().fold(f64::INFINITY, f64::min));
@@ -118,7 +118,7 @@ fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Optio
     let near = 1e-9 * width;
     let piled = |at: f64, inward: f64| {
         let count = finite().filter(|v| (v - at).abs() <= near).count();
-        // Rounded values repeat anyway: at a limit they do so far more often than just inside of it.
+        // Rounded values repeat anyway: at a clipping limit they do so far more often than just inside it.
         let inside =
             finite().filter(|v| step > 0.0 && (v - (at + inward * step)).abs() <= 0.01 * step).count();
         count >= MIN_HELD_SAMPLES.max(channel.values.len() / 500) && count > 3 * inside
@@ -127,7 +127,8 @@ fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Optio
     if !upper && !lower {
         return None;
     }
-    // Near a limit the noise is cut on one side: what stands there on the whole is set aside, not only what is cut.
+    // Near a limit the noise is clipped on one side: all samples near it are excluded, not only the clipped
+    // ones.
     let smooth = smoothed(&channel.values);
     let mut samples = 0;
     for ((value, smooth), good) in channel.values.iter().zip(&smooth).zip(&mut channel.good) {
@@ -146,17 +147,18 @@ fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Optio
     Some(SampleEffect { kind: Kind::OutputSaturation, channel: index, parameters, samples })
 }
 
-/// Running median of nine.
+/// Running median over nine samples.
 fn smoothed(values: &[f64]) -> Vec<f64> {
     (0..values.len())
         .map(|k| median(&values[k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(values.len())]))
         .collect()
 }
 
-/// Samples that repeat the one before, now and then.
+/// Held samples: values that occasionally repeat the one before.
 fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
     let by_chance = repeats_by_chance(&channel.values);
-    // Where the sensor hardly moves, a rounded value repeats anyway: only where it moves does a repeat tell anything.
+    // Where the signal hardly moves, a rounded value repeats anyway: a repeat is evidence only where the
+    // signal moves.
     let n = by_chance.iter().filter(|p| **p < RARE_REPEAT).count() + 1;
     let repeats: Vec<usize> = (1..channel.values.len())
         .filter(|&k| {
@@ -175,7 +177,7 @@ fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
     for &k in &repeats {
         channel.good[k] = false;
     }
-    // A slower sensor repeats its value at every second or third step: that is its rate, no loss.
+    // A slower sensor repeats its value at every second or third step: that is its rate, not a held sample.
     let mut distances: Vec<usize> = repeats.windows(2).map(|w| w[1] - w[0]).collect();
     distances.sort_unstable();
     let common = distances.get(distances.len() / 2).copied().unwrap_or(0);
@@ -190,10 +192,10 @@ fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
     Some(SampleEffect { kind: Kind::Dropouts, channel: index, parameters, samples: repeats.len() })
 }
 
-/// For every pair of neighbours the probability that rounding makes them equal. What changes from one to the next is normal about
-/// what the changes beside it foretell, as wide as the changes around there miss what is foretold of them: a motion that turns
-/// round is slow there, noise is not. Both values are rounded (Sheppard 1898), so that they are equal with a probability that falls
-/// linearly to nothing at a difference of one step.
+/// Probability, for every pair of neighbours, that rounding makes them equal. The change within a pair is
+/// normal, with the mean that the neighbouring changes predict and the spread of such prediction errors
+/// around there: a motion is slow where it reverses, noise is not. Both values are rounded (Sheppard 1898),
+/// so that they are equal with a probability that falls linearly to zero at a difference of one step.
 fn repeats_by_chance(values: &[f64]) -> Vec<f64> {
     let tiny = SAME_VALUE * values.iter().filter(|v| v.is_finite()).fold(0.0f64, |peak, v| peak.max(v.abs()));
     let step = step_between_levels(values, tiny);
@@ -214,7 +216,7 @@ fn repeats_by_chance(values: &[f64]) -> Vec<f64> {
         0.5 * (before.map_or(0.0, |m| m.1) + moved.get(after).map_or(0.0, |m| m.1))
     };
     let foretold: Vec<f64> = moved.iter().map(|(k, _)| beside(*k)).collect();
-    // How much of it is kept: all of a smooth motion, nothing of a random walk (least squares).
+    // Persistence of the change, by least squares: one for a smooth motion, zero for a random walk.
     let kept = moved.iter().zip(&foretold).map(|((_, d), f)| d * f).sum::<f64>()
         / foretold.iter().map(|f| f * f).sum::<f64>().max(f64::MIN_POSITIVE);
     let missed: Vec<f64> = moved.iter().zip(&foretold).map(|((_, d), f)| d - kept * f).collect();
@@ -229,31 +231,32 @@ fn repeats_by_chance(values: &[f64]) -> Vec<f64> {
         if near.is_empty() {
             return 1.0;
         }
-        // Two roundings add a variance of step^2 / 6 to what is seen.
+        // Rounding both values adds a variance of step^2 / 6 to the observed differences.
         let std = (rms(&near).powi(2) - step * step / 6.0).max(0.0).sqrt();
         within_a_step(kept * beside(k), std, step)
     };
     (0..pairs).map(equal).collect()
 }
 
-/// Mean of what is 1 at a difference of 0 and falls linearly to 0 at `step` to both sides, over a normal difference.
+/// Mean, over a normally distributed difference, of a triangle that is 1 at a difference of 0 and falls
+/// linearly to 0 at `step` on both sides.
 fn within_a_step(mean: f64, std: f64, step: f64) -> f64 {
     let normal = Normal::standard();
-    // Mean of what of `x` with that noise is above zero; the triangle is a second difference of it.
+    // Mean of the positive part of `x` plus that noise; the triangle is its second difference.
     let above = |x: f64| {
         if std > 0.0 { x * normal.cdf(x / std) + std * normal.pdf(x / std) } else { x.max(0.0) }
     };
     ((above(mean + step) - 2.0 * above(mean) + above(mean - step)) / step).clamp(0.0, 1.0)
 }
 
-/// The least distance between values that repeat, 0 where none do. What was interpolated between rounded values repeats now and then:
-/// values that do so far less often than usual are left out.
+/// The smallest distance between values that repeat, 0 where none do. Interpolated values between rounded
+/// ones repeat by chance: values that repeat far less often than usual are left out.
 fn step_between_levels(values: &[f64], tiny: f64) -> f64 {
     let mut repeated: Vec<f64> =
         values.windows(2).filter(|w| (w[1] - w[0]).abs() <= tiny).map(|w| w[1]).collect();
     repeated.sort_unstable_by(f64::total_cmp);
     let levels: Vec<&[f64]> = repeated.chunk_by(|a, b| b - a <= tiny).collect();
-    // How often the value of a repeat repeats in all.
+    // Total number of occurrences of each repeating value, one entry per occurrence.
     let times: Vec<f64> = levels.iter().flat_map(|l| vec![l.len() as f64; l.len()]).collect();
     if levels.len() < MIN_LEVELS {
         return 0.0;
@@ -265,7 +268,7 @@ fn step_between_levels(values: &[f64], tiny: f64) -> f64 {
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// 95 % interval of a share, `count` of `n` (Wilson).
+/// 95 % interval of a proportion, `count` of `n` (Wilson).
 pub(crate) fn share_interval(count: f64, n: f64) -> (f64, f64) {
     let z2 = 1.96f64 * 1.96;
     let centre = (count + 0.5 * z2) / (n + z2);
@@ -289,8 +292,8 @@ mod tests {
 
     const SAMPLES: usize = 4000;
 
-    /// A gyroscope that hardly moves half of the time and turns fast in the other half, and of which every `lost`-th sample
-    /// repeats the one before.
+    /// A gyroscope that hardly moves half of the time and turns fast in the other half; every `lost`-th
+    /// sample repeats the one before.
     fn channel(step: f64, lost: Option<usize>) -> Channel {
         let mut stream = Stream::new(5, "held");
         let mut value = 0.0;
@@ -308,7 +311,7 @@ mod tests {
     fn a_rounded_sensor_that_hardly_moves_has_lost_nothing() {
         for step in [0.25, 1.0] {
             assert_eq!(held(&mut channel(step, None), 0), None, "{step}");
-            // On another clock than the logger's, with what lies between two samples interpolated.
+            // The logger resamples the sensor from another clock by linear interpolation.
             let mut stream = Stream::new(7, "clock");
             let mut jittered = channel(step, None);
             let samples = jittered.values.clone();

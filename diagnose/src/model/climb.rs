@@ -1,4 +1,4 @@
-//! The greatest exact likelihood of turbulence on one state: a climb from a start nearby.
+//! Maximum exact likelihood of turbulence on one state, by local optimisation from a nearby start.
 
 use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
@@ -7,33 +7,33 @@ use crate::data::record::Data;
 use crate::model::innovations::{Noises, log_likelihood};
 use crate::thresholds::{CLIMB_OPTIMISM, MAX_CLIMB_ROUNDS};
 
-/// Logarithm of the probability beforehand of a bandwidth: any that the record can show, from one period in all of it to
-/// half the sampling rate, on a logarithmic scale. Two standard deviations reach to either end.
+/// Logarithm of the prior of a bandwidth, log-normal: any bandwidth that the record can show, from one period
+/// in the whole record to half the sampling rate, is within two standard deviations.
 fn log_prior(data: &Data, noises: &Noises) -> f64 {
     let (lowest, highest) = bandwidths_hz(data);
     let (middle, spread) = (0.5 * (lowest * highest).ln(), 0.25 * (highest / lowest).ln());
     -0.5 * ((noises.common[1] - middle) / spread).powi(2)
 }
 
-/// The lowest and the highest bandwidth that a record can show, Hz.
+/// Lowest and highest bandwidth that a record can show, Hz.
 pub fn bandwidths_hz(data: &Data) -> (f64, f64) {
     (1.0 / data.duration_s(), 0.5 / data.period_s)
 }
 
-/// A climb to the greatest likelihood (with what is known of the bandwidth beforehand), by Newton's steps with the
-/// curvatures of the single values: each costs a run of the filter.
+/// Maximisation of the likelihood times the prior of the bandwidth, by Newton steps with one curvature per
+/// parameter: each evaluation costs a run of the filter.
 struct Climb<'a> {
     value: &'a (dyn Fn(&Noises) -> Option<f64> + Sync),
     noises: Noises,
     best: f64,
-    /// How far the next differences reach.
+    /// Step size of the next finite difference, per parameter.
     reach: Vec<f64>,
-    /// Curvatures as known so far; 0 where they are not.
+    /// Curvatures known so far, per parameter; 0 where unknown.
     curvatures: Vec<f64>,
 }
 
 impl Climb<'_> {
-    /// The next step, and how much it promises.
+    /// The next step and its predicted gain.
     fn step(&mut self) -> Option<(Vec<f64>, f64)> {
         let count = self.noises.count();
         let moved = |i: usize, by: f64| {
@@ -42,7 +42,7 @@ impl Climb<'_> {
             (self.value)(&self.noises.moved(&step))
         };
         let open: Vec<usize> = (0..count).filter(|i| self.noises.is_open(*i)).collect();
-        // Where the curvature is known, one side tells the slope.
+        // Where the curvature is known, a one-sided difference gives the slope.
         let slopes: Vec<Option<(f64, f64)>> = open
             .par_iter()
             .map(|i| {
@@ -60,7 +60,7 @@ impl Climb<'_> {
         for (i, slope) in open.into_iter().zip(slopes) {
             let (slope, curvature) = slope?;
             self.curvatures[i] = curvature;
-            // Where the likelihood is not yet curved as at a top: a bold step uphill.
+            // Where the likelihood is not yet concave: a bold step uphill.
             step[i] = if curvature > 0.0 { slope / curvature } else { slope.signum() };
             step[i] = step[i].clamp(-1.0, 1.0);
             hoped += (slope * step[i]).abs();
@@ -68,7 +68,7 @@ impl Climb<'_> {
         Some((step, hoped))
     }
 
-    /// Takes as much of a step as leads uphill; what that gained.
+    /// Applies as much of a step as increases the likelihood; returns the gain.
     fn take(&mut self, step: &[f64]) -> f64 {
         let before = self.best;
         let mut share = 1.0;
@@ -86,8 +86,8 @@ impl Climb<'_> {
         self.best - before
     }
 
-    /// Standard errors of size and bandwidth, which go together: their curvatures at the top, and the cross curvature,
-    /// belong to their errors. Then that of the combination of both which the record shows best.
+    /// Standard errors of size and bandwidth, which are correlated, from their curvatures and cross curvature
+    /// at the maximum; then that of the best-determined combination of both.
     fn errors(&self) -> Option<[f64; 3]> {
         let d = 0.05;
         let at = |a: f64, b: f64| {
@@ -107,15 +107,15 @@ impl Climb<'_> {
         } else {
             [1.0; 2]
         };
-        // The greatest curvature of both.
+        // The largest curvature in any direction of the two parameters.
         let sharpest = 0.5 * (first + second) + (0.25 * (first - second).powi(2) + cross * cross).sqrt();
         Some([size, bandwidth, if sharpest > 0.0 { sharpest.sqrt().recip() } else { 1.0 }])
     }
 }
 
-/// Climbs from `noises` to the greatest likelihood; what the climb gained last is below a tenth. Returns noises,
-/// likelihood (with what is known of the bandwidth beforehand) and standard errors of the first two values, and of that
-/// combination of both which the record shows best. A climb that will not come to `wanted` ends early, with errors of one.
+/// Climbs from `noises` to the maximum likelihood, until a step gains less than a tenth. Returns the noises,
+/// the log-likelihood plus log-prior of the bandwidth, and the standard errors of the first two values and of
+/// their best-determined combination. A climb that will not reach `wanted` ends early, with errors of one.
 pub fn climb(
     data: &Data,
     vehicle: &Vehicle,

@@ -1,33 +1,33 @@
-//! Products and sums of columns as long as a record, several of them together.
+//! Inner products and sums of columns as long as a record, several at a time.
 
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 use std::sync::Arc;
 
-/// Sensitivities of all samples by one value. Those by the initial state are the same in many fits.
+/// Sensitivities of all samples to one parameter. Those to the initial state are shared by many fits.
 pub type Column = Arc<Vec<f64>>;
 
-/// Where a value may be, and a typical change of it.
+/// Range of a parameter, and a typical change of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slot {
-    /// Least value.
+    /// Lower limit.
     pub lower: f64,
-    /// Greatest value.
+    /// Upper limit.
     pub upper: f64,
-    /// A typical change, for differences.
+    /// Typical change, used as the step of finite differences.
     pub scale: f64,
 }
 
-/// So many rows of a dozen columns lie near the processor (32 kB each): several columns are taken together block by block,
-/// so that each is fetched once.
+/// Rows per block, so that a dozen columns (32 kB each) stay in the cache: several columns are processed
+/// block by block, and each is loaded once.
 const BLOCK_ROWS: usize = 4096;
 
-/// The rows, block by block.
+/// Row ranges of the blocks.
 pub(crate) fn blocks(rows: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
     (0..rows).step_by(BLOCK_ROWS).map(move |from| from..(from + BLOCK_ROWS).min(rows))
 }
 
-/// Products of several columns with another.
+/// Inner products of several columns with another.
 pub fn dots<C: std::borrow::Borrow<Vec<f64>>>(columns: &[C], with: &[f64]) -> Vec<f64> {
     let mut sums = vec![0.0; columns.len()];
     for rows in blocks(with.len()) {
@@ -38,7 +38,7 @@ pub fn dots<C: std::borrow::Borrow<Vec<f64>>>(columns: &[C], with: &[f64]) -> Ve
     sums
 }
 
-/// Takes several columns off another, each by its own factor.
+/// Subtracts several columns from another, each times its own factor.
 pub fn subtract_all<C: std::borrow::Borrow<Vec<f64>>>(from: &mut [f64], by: &[f64], columns: &[C]) {
     for rows in blocks(from.len()) {
         for (by, column) in by.iter().zip(columns) {
@@ -67,7 +67,7 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     rest + sums.iter().sum::<f64>()
 }
 
-/// Products of all columns with each other.
+/// Inner products of all columns with each other (Gram matrix).
 pub(crate) fn products(columns: &[Vec<f64>]) -> DMatrix<f64> {
     let n = columns.len();
     let mut products = DMatrix::zeros(n, n);

@@ -1,16 +1,17 @@
-//! What a prediction knows of the commands that lie ahead of it.
+//! Future commands as a prediction knows them.
 
-/// The commands between the last measurement that a prediction knows and the moment that it is of.
+/// The commands assumed between the last measurement that a prediction uses and the time that it predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Commands {
-    /// As they were recorded.
+    /// The recorded commands.
     Recorded,
-    /// Nobody knows them yet: the last one before is held.
+    /// Future commands are unknown: the last one is held.
     Held,
 }
 
 impl Commands {
-    /// The step whose command acts at step `at` of a prediction that begins at step `begun`, in a record that begins at `first`.
+    /// The step whose command is applied at step `at` of a prediction begun at step `begun`, in a record that
+    /// begins at step `first`.
     pub fn step(self, at: usize, begun: usize, first: usize) -> usize {
         match self {
             Self::Recorded => at,

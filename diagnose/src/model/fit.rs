@@ -1,4 +1,4 @@
-//! A hypothesis about a record: the vehicle, effects with open values, and the fit of all of them together.
+//! A hypothesis about a record: a vehicle and effects with free parameters, fitted together.
 
 use crate::thresholds::{FIT_TOLERANCE, MAX_DAMPED_STEPS};
 use nalgebra::{DMatrix, DVector};
@@ -12,17 +12,17 @@ use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
 use whirlstand_ident::identify::normal::pseudo_inverse;
 
-/// How far a fit is followed.
+/// Effort of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
-    /// A few steps under one noise model: enough to see what a candidate could come to. Sensitivities are not kept.
+    /// A few steps under one noise model: enough to rank a candidate. Sensitivities are not kept.
     Glance,
-    /// To the optimum.
+    /// Iterate to the optimum.
     Full,
 }
 
 impl Effort {
-    /// How often the noise model is fitted anew, and steps of Levenberg and Marquardt under each.
+    /// How often the noise model is refitted, and the Levenberg-Marquardt steps under each.
     fn rounds(self) -> (usize, usize) {
         match self {
             Effort::Glance => (1, 3),
@@ -31,51 +31,52 @@ impl Effort {
     }
 }
 
-/// The vehicle with free parameters and effects whose values are open.
+/// A vehicle with free parameters and effects whose parameters are fitted.
 ///
-/// Values come in one vector: initial state, free parameters of the vehicle, then the tunables of every effect.
+/// Parameter values are in one vector: initial state, free parameters of the vehicle, then the tunables of
+/// every effect.
 #[derive(Debug, Clone)]
 pub struct Model<'r, 'd> {
-    /// The vehicle over the record.
+    /// Simulation of the vehicle over the record.
     pub free_run: &'r FreeRun<'d>,
-    /// Free parameters of the vehicle, for one that was fitted itself.
+    /// Free parameters of the vehicle itself, for one that was identified.
     pub free: &'r [Free],
-    /// Effects.
+    /// Effects with free parameters.
     pub terms: Vec<Candidate>,
 }
 
-/// A model at its best values.
+/// A model at its best-fitting parameter values.
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// Best values.
     pub values: Vec<f64>,
     /// Predicted samples.
     pub predicted: Vec<f64>,
-    /// Measured minus predicted, filled.
+    /// Residual, measured minus predicted, with gaps filled.
     pub residual: Vec<f64>,
-    /// Likelihood and noise model.
+    /// Likelihood and noise model of the residual.
     pub profile: Profile,
-    /// Columns of the sensitivities, raw, in the order of the values.
+    /// Sensitivities, not whitened, one column per parameter value.
     pub columns: Vec<Column>,
 }
 
 impl<'r, 'd> Model<'r, 'd> {
-    /// How many values are the initial state, of every record its own.
+    /// Number of values that are initial states, over all records.
     pub fn states(&self) -> usize {
         self.free_run.initials()
     }
 
-    /// How many values come before those of the effects.
+    /// Number of values before those of the effects: initial states and free parameters.
     pub fn base(&self) -> usize {
         self.states() + self.free.len()
     }
 
-    /// Number of values that are no initial state: what BIC counts.
+    /// Number of values that are not initial states: those that BIC counts.
     pub fn parameters(&self) -> usize {
         self.free.len() + self.terms.iter().map(|t| t.tunables.len()).sum::<usize>()
     }
 
-    /// Where the values of a term lie.
+    /// Index range of the values of a term.
     pub fn range(&self, term: usize) -> std::ops::Range<usize> {
         let from = self.base() + self.terms[..term].iter().map(|t| t.tunables.len()).sum::<usize>();
         from..from + self.terms[term].tunables.len()
@@ -105,7 +106,7 @@ impl<'r, 'd> Model<'r, 'd> {
     /// Predicted samples.
     ///
     /// # Errors
-    /// When an effect does not fit, or the free run leaves all bounds.
+    /// When an effect does not fit, or the free run diverges.
     pub fn predict(&self, values: &[f64]) -> Result<Vec<f64>, ModelError> {
         self.free_run.run_vehicle(&self.vehicle(values)?, &values[..self.states()])
     }
@@ -116,11 +117,11 @@ impl<'r, 'd> Model<'r, 'd> {
         residual
     }
 
-    /// Fits all values to the optimum, the noise model in turn with them. `initial` are sensitivities by the initial
-    /// state from a model nearby: the search follows them, the answer does not depend on them.
+    /// Fits all values to the optimum, alternating with the noise model. `initial` are sensitivities to the
+    /// initial state from a model nearby: they guide the search, and the result does not depend on them.
     ///
     /// # Errors
-    /// When the start, or what lies next to it, cannot be simulated.
+    /// When the start, or a point next to it, cannot be simulated.
     pub fn fit(
         &self,
         start: Vec<f64>,
@@ -130,7 +131,7 @@ impl<'r, 'd> Model<'r, 'd> {
         self.fit_with(start, noise, initial, Effort::Full)
     }
 
-    /// As [`Model::fit`], as far as asked.
+    /// Fits all values as [`Model::fit`], with the given effort.
     ///
     /// # Errors
     /// As [`Model::fit`].
@@ -152,8 +153,8 @@ impl<'r, 'd> Model<'r, 'd> {
         let mut profile = again(&residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
         let mut columns = Vec::new();
-        // Own sensitivities, from which the values have not moved by more than the fit's tolerance: another noise model
-        // does not change them.
+        // The fit's own sensitivities, while the values have moved by less than the fit's tolerance: another
+        // noise model does not change them.
         let mut kept: Option<Vec<Vec<f64>>> = None;
         let mut damping = 1e-4;
         for _ in 0..outer {
@@ -207,8 +208,8 @@ impl<'r, 'd> Model<'r, 'd> {
         Ok(Fit { values, predicted, residual, profile, columns })
     }
 
-    /// The first damped step that `accept` takes: the values, their prediction and what `accept` made of it. The damping
-    /// grows with every step that is refused.
+    /// The first damped step that `accept` takes: the values, their prediction and the result of `accept`.
+    /// The damping grows with every refused step.
     fn lower<T>(
         &self,
         (values, information, right): (&[f64], &DMatrix<f64>, &DVector<f64>),
@@ -230,7 +231,7 @@ impl<'r, 'd> Model<'r, 'd> {
         None
     }
 
-    /// Covariance of the values (Cramer and Rao), from exact sensitivities at the fit.
+    /// Covariance of the values (Cramer-Rao bound), from exact sensitivities at the fit.
     ///
     /// # Errors
     /// When a sensitivity cannot be simulated, or the information matrix is not finite.
@@ -252,7 +253,7 @@ fn normal(columns: &[Vec<f64>], white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
     (products(columns), DVector::from_vec(dots(columns, white)))
 }
 
-/// The same when the products of the first columns are known.
+/// Information matrix and gradient, when the products of the first columns are known.
 fn bordered(
     known: &[Vec<f64>],
     known_products: &DMatrix<f64>,
@@ -275,7 +276,7 @@ fn bordered(
     (information, DVector::from_iterator(n, gradient))
 }
 
-/// The step of Levenberg and Marquardt; directions that the data do not show stay.
+/// A Levenberg-Marquardt step; directions that the data do not determine stay at zero.
 fn damped(information: &DMatrix<f64>, right: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
     let mut damped = information.clone();
     for i in 0..damped.nrows() {

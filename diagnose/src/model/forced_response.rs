@@ -1,4 +1,5 @@
-//! What forces on the states do to the samples: a simulation each, with a force that is small enough for any model to be linear.
+//! Responses of the samples to forces on the states: one simulation per force, small enough that any model is
+//! linear.
 
 use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
@@ -6,12 +7,12 @@ use whirlstand_vehicle::Vehicle;
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::FreeRun;
 
-/// A fitted model that forces are added to.
+/// A fitted model to which forces are added.
 pub struct Forces<'a> {
     free_run: &'a FreeRun<'a>,
     fit: &'a Fit,
     vehicle: &'a Vehicle,
-    /// States that are forced, and a force on each that is smaller than a nonlinear effect would notice and larger than
+    /// Forced states, each with a force smaller than a nonlinear effect would notice and larger than
     /// rounding.
     states: Vec<(usize, f64)>,
 }
@@ -23,8 +24,8 @@ impl<'a> Forces<'a> {
         Self { free_run: model.free_run, fit, vehicle, states }
     }
 
-    /// Changes of all samples by forces, each a value a step, in the unit of the state's derivative; `visit` is given the
-    /// state, the force's index and the samples.
+    /// Changes of all samples due to forces (one value per step, in the unit of the state's derivative);
+    /// `visit` is called with the state, the force's index and the samples.
     pub fn each<T: Send>(
         &self,
         forces: &[&[f64]],
@@ -51,7 +52,8 @@ mod tests {
     use crate::model::noise::Noise;
     use whirlstand_vehicle::{Effect, Kind, Stream};
 
-    /// Two records of a quadrotor, one sensor slower than the others; `effect` is part of it. Calls `check` with its forces on two states.
+    /// Two records of a quadrotor with one slower sensor; `effect` is part of the vehicle. Calls `check` with
+    /// forces on two of its states.
     fn with(effect: Effect, check: impl Fn(&Forces<'_>, &[f64])) {
         let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
         vehicle.effects.clear();

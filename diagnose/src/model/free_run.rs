@@ -1,4 +1,4 @@
-//! Free runs of a vehicle over a record's inputs, with any effects added.
+//! Free runs: simulations of a vehicle, with any effects added, over a record's inputs.
 
 use whirlstand_vehicle::{Effect, Rows, Simulator, Vehicle};
 
@@ -14,7 +14,7 @@ pub enum ModelError {
     /// An effect does not fit the vehicle, or its parameters are not allowed.
     #[error("the effect is not applicable to the vehicle")]
     Inapplicable,
-    /// The free run leaves all bounds.
+    /// The free run diverges.
     #[error("the free run diverges")]
     Diverged,
     /// The data do not determine what is sought.
@@ -22,22 +22,22 @@ pub enum ModelError {
     NotDetermined,
 }
 
-/// Where the samples of a channel go.
+/// Position of the next sample of a channel in the vector of all samples.
 struct Place {
     output: usize,
     stride: usize,
     /// Step of the next sample.
     next: usize,
-    /// Where it goes, and where the channel ends.
+    /// Index of the next sample, and the end of the channel.
     at: usize,
     end: usize,
-    /// Largest magnitude.
+    /// Largest allowed magnitude.
     reach: f64,
 }
 
 impl Place {
-    /// Takes the samples that lie in the steps from `first` on whose values `of` gives for an output; false where one is
-    /// beyond all bounds.
+    /// Copies the samples that lie in the steps from `first` on, whose values `of` gives for an output; false
+    /// where one exceeds all bounds.
     fn take<'a>(&mut self, first: usize, of: impl Fn(usize) -> &'a [f64], samples: &mut [f64]) -> bool {
         let values = of(self.output);
         if self.at == self.end {
@@ -54,7 +54,7 @@ impl Place {
         while self.at < self.end
             && let Some(y) = values.get(self.next - first)
         {
-            // Not a number is beyond any reach.
+            // NaN exceeds any bound.
             if y.is_nan() || y.abs() > self.reach {
                 return false;
             }
@@ -66,26 +66,26 @@ impl Place {
     }
 }
 
-/// A vehicle that is run over one record.
+/// A vehicle that is simulated over one record.
 #[derive(Debug, Clone)]
 pub struct FreeRun<'d> {
     /// The record.
     pub data: &'d Data,
-    /// The vehicle, with whatever is taken for granted.
+    /// The vehicle, with all effects that are taken as known.
     pub vehicle: Vehicle,
-    /// Largest magnitude that a run may reach, channel by channel.
+    /// Largest magnitude that a run may reach, per channel.
     reach: Vec<f64>,
-    /// What corrects the run by the record itself; `None` for a free run.
+    /// Filter that corrects the run by the record itself; `None` for a free run.
     observer: Option<Observer>,
     /// Whoever waits for the fits over these runs, and may end them.
     watch: Option<&'d Watch>,
 }
 
 impl<'d> FreeRun<'d> {
-    /// For a vehicle and a record.
+    /// Prepares a vehicle and a record for simulation.
     pub fn new(vehicle: &Vehicle, data: &'d Data) -> Self {
         let mut vehicle = vehicle.clone();
-        // Texts are of no use to a simulation, and copies of a vehicle are made by the hundred.
+        // A simulation does not need the file's text, and copies of a vehicle are made by the hundred.
         vehicle.source_text.clear();
         let peak =
             |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
@@ -122,14 +122,14 @@ impl<'d> FreeRun<'d> {
         self.vehicle.states.len()
     }
 
-    /// How many numbers the initial states of all records are.
+    /// Number of initial state values of all records.
     pub fn initials(&self) -> usize {
         self.states() * self.data.starts.len()
     }
 
-    /// Flies a vehicle over all records, each from its own initial state: the one loop of all free runs. At every step
-    /// `prepare` is given the simulator before the inputs are applied, and `observe` after that; what `observe` refuses
-    /// ends the run as diverged.
+    /// Simulates a vehicle over all records, each from its own initial state: the one loop of all free runs.
+    /// At every step `prepare` is called with the simulator before the inputs are applied, and `observe`
+    /// after that; an `observe` that returns false ends the run as diverged.
     fn fly(
         &self,
         vehicle: &Vehicle,
@@ -177,15 +177,15 @@ impl<'d> FreeRun<'d> {
     /// Predicted samples of all channels with `effects` added, from the initial state.
     ///
     /// # Errors
-    /// When an effect does not fit, or the run leaves all bounds.
+    /// When an effect does not fit, or the run diverges.
     pub fn run(&self, effects: &[Effect], initial: &[f64]) -> Result<Vec<f64>, ModelError> {
         self.run_vehicle(&self.with(effects)?, initial)
     }
 
-    /// As [`FreeRun::run`] for a vehicle that is complete.
+    /// Predicted samples as [`FreeRun::run`], for a vehicle that already has its effects.
     ///
     /// # Errors
-    /// When the run leaves all bounds.
+    /// When the run diverges.
     pub fn run_vehicle(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<f64>, ModelError> {
         if self.data.memory_s.is_none() {
             return self.sampled_in_blocks(vehicle, initial, None);
@@ -193,11 +193,11 @@ impl<'d> FreeRun<'d> {
         self.sampled(vehicle, initial, |_, _| ())
     }
 
-    /// Predicted samples where a force acts on one state besides: `scale` times a value a step, in the unit of the
-    /// state's derivative.
+    /// Predicted samples with an additional force on one state: `scale` times one value per step, in the unit
+    /// of the state's derivative.
     ///
     /// # Errors
-    /// When the run leaves all bounds.
+    /// When the run diverges.
     pub fn run_forced(
         &self,
         vehicle: &Vehicle,
@@ -226,8 +226,8 @@ impl<'d> FreeRun<'d> {
         channels.map(place).collect()
     }
 
-    /// As [`FreeRun::fly`] where nothing is to be done between two steps: many of them at once. `hear` is given the first
-    /// step of a block and its rows.
+    /// Simulates as [`FreeRun::fly`] where nothing happens between two steps: many steps at once. `hear` is
+    /// called with the first step of a block and its rows.
     fn fly_in_blocks(
         &self,
         vehicle: &Vehicle,
@@ -288,10 +288,10 @@ impl<'d> FreeRun<'d> {
         Ok(samples)
     }
 
-    /// States over the steps of all records, one vector a state, SI.
+    /// States over the steps of all records, one vector per state, SI.
     ///
     /// # Errors
-    /// When the run leaves all bounds.
+    /// When the run diverges.
     pub fn run_states(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<Vec<f64>>, ModelError> {
         let mut states = vec![Vec::with_capacity(self.data.steps); self.states()];
         if self.data.memory_s.is_none() {
@@ -313,11 +313,12 @@ impl<'d> FreeRun<'d> {
         Ok(states)
     }
 
-    /// Predictions of all samples over a horizon of so many steps: each from what the record shows until then, and within
-    /// a quarter of the horizon of it. Before the first horizon has passed they come from the initial state.
+    /// Predictions of all samples over a horizon of `horizon` steps: each starts from the state that the
+    /// record shows up to its start, and starts are a quarter of the horizon apart. Before the first horizon
+    /// has passed they start from the initial state.
     ///
     /// # Errors
-    /// When a run leaves all bounds.
+    /// When a run diverges.
     pub fn ahead(
         &self,
         vehicle: &Vehicle,

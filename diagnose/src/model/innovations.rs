@@ -1,7 +1,8 @@
-//! Likelihood of a residual as turbulence on one state beside noise of the channels: Kalman's innovations.
+//! Likelihood of a residual as turbulence on one state beside noise of the channels, by the innovations of a
+//! Kalman filter.
 //!
-//! Exact where Whittle's approximation is not: when the motion stands far above the noise, what leaks between
-//! frequencies would drown the noise.
+//! Exact where Whittle's approximation is not: when the motion is far above the noise, leakage between
+//! frequencies would mask the noise.
 
 use crate::thresholds::{MAX_AR_ORDER, MAX_TRANSIENT_STEPS, SETTLED_GAIN_CHANGE};
 use nalgebra::{DMatrix, DVector};
@@ -9,15 +10,16 @@ use whirlstand_vehicle::{Vehicle, discretise};
 
 use crate::data::record::Data;
 
-/// Parameters of the noises: logarithms of the turbulence's standard deviation and bandwidth, then of every channel's own
-/// noise the logarithm of its innovation and its partial correlations.
+/// Parameters of the noises: logarithms of the turbulence's standard deviation and bandwidth, then for every
+/// channel's own noise the logarithm of its innovation and its partial correlations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Noises {
     /// ln(std) and ln(bandwidth_hz).
     pub common: [f64; 2],
-    /// ln(std) of what is new in each channel's own noise.
+    /// ln(std) of the innovation of each channel's own noise.
     pub own: Vec<f64>,
-    /// Partial correlations of each channel's own noise: second order, first order with a zero behind, or white.
+    /// Partial correlations of each channel's own noise: second order, first order with a second zero, or
+    /// white.
     pub partial: Vec<[f64; 2]>,
 }
 
@@ -26,19 +28,20 @@ impl Noises {
         2 + 3 * self.own.len()
     }
 
-    /// Correlations of zero stay there.
+    /// True for a parameter that is fitted; correlations of zero stay zero.
     pub(super) fn is_open(&self, value: usize) -> bool {
         let from = 2 + self.own.len();
         value < from || self.partial[(value - from) / 2][(value - from) % 2] != 0.0
     }
 
-    /// How many numbers were fitted.
+    /// Number of fitted parameters.
     pub fn parameters(&self) -> usize {
         (0..self.count()).filter(|i| self.is_open(*i)).count()
     }
 
-    /// All values moved: logarithms, then the correlations' inverse hyperbolic tangents. Size and bandwidth go together;
-    /// their first step is the density at high frequencies, and the second moves along that.
+    /// All parameters moved by a step: logarithms, then the inverse hyperbolic tangents of the correlations.
+    /// Size and bandwidth are correlated: the first step is the density at high frequencies, the second moves
+    /// at constant density.
     pub(super) fn moved(&self, step: &[f64]) -> Self {
         let mut next = self.clone();
         next.common[0] -= 0.5 * step[1];
@@ -51,13 +54,13 @@ impl Noises {
     }
 }
 
-/// Coefficients of e(k) = a e(k-1) + b e(k-2) + new from partial correlations (Levinson and Durbin).
+/// Coefficients of e(k) = a e(k-1) + b e(k-2) + innovation, from partial correlations (Levinson-Durbin).
 pub fn coefficients(partial: [f64; 2]) -> [f64; 2] {
     [partial[0] * (1.0 - partial[1]), partial[1]]
 }
 
-/// The filter of one set of noises: states of the vehicle, the turbulence, and two states for each channel whose noise
-/// is coloured.
+/// Kalman filter for one set of noises: states of the vehicle, the turbulence, and two states for each
+/// channel with coloured noise.
 struct Filter {
     f: DMatrix<f64>,
     f_transposed: DMatrix<f64>,
@@ -65,7 +68,7 @@ struct Filter {
     h: DMatrix<f64>,
     h_transposed: DMatrix<f64>,
     r: DMatrix<f64>,
-    /// Index and variance of the turbulence, whose spread at the beginning is its own.
+    /// State index and stationary variance of the turbulence, with which its covariance begins.
     turbulence: (usize, f64),
 }
 
@@ -78,7 +81,8 @@ struct Update {
 }
 
 impl Update {
-    /// The covariance itself says nothing: states that no channel shows spread for ever.
+    /// True when gain and innovation covariance agree. The state covariance is not compared: states that no
+    /// channel observes grow without bound.
     fn is_near(&self, other: &Self) -> bool {
         let pairs = self.gain.iter().zip(&other.gain);
         pairs.fold(0.0f64, |m, (a, b)| m.max((a - b).abs())) < SETTLED_GAIN_CHANGE * other.gain.amax()
@@ -132,7 +136,7 @@ impl Filter {
         covariance
     }
 
-    /// From states and samples to the next states and the innovations over their standard deviations.
+    /// Matrix from states and samples to the next states and the normalised innovations.
     fn step(&self, update: &Update) -> DMatrix<f64> {
         let ((p, n), gain, factor) = (self.h.shape(), &update.gain, &update.inverse_factor);
         let mut step = DMatrix::zeros(n + p, n + p);
@@ -143,7 +147,7 @@ impl Filter {
         step
     }
 
-    /// The update that belongs to a predicted covariance, which goes on to the next step.
+    /// The update for a predicted covariance, which is advanced to the next step.
     fn update(&self, covariance: &mut DMatrix<f64>) -> Option<Update> {
         let crossed = &*covariance * &self.h_transposed;
         let factor = (&self.h * &crossed + &self.r).cholesky()?;
@@ -152,7 +156,7 @@ impl Filter {
         let mut inverse_factor = DMatrix::identity(p, p);
         factor.l_dirty().solve_lower_triangular_mut(&mut inverse_factor);
         let shifted = &self.f * &crossed;
-        // Over the innovations' standard deviations; the gain is that times the inverse factor.
+        // Divided by the innovations' standard deviations; the gain is this times the inverse factor.
         let scaled = &shifted * inverse_factor.transpose();
         let gain = &scaled * &inverse_factor;
         let mut after = &self.f * &*covariance * &self.f_transposed;
@@ -170,21 +174,21 @@ impl Filter {
     }
 }
 
-/// Makes white, for all channels together, what turbulence and the channels' own noise have made: the settled filter's
-/// innovations.
+/// Whitens all channels together by the innovations of the settled filter for turbulence and the channels'
+/// own noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Whitener {
-    /// From the filter's states and a row of samples to the next states and the row made white.
+    /// Matrix from the filter's states and a row of samples to the next states and the whitened row.
     step: DMatrix<f64>,
     /// Number of the filter's states.
     order: usize,
     log_det: f64,
-    /// How many numbers the noises have.
+    /// Number of the noises' parameters.
     pub parameters: usize,
 }
 
 impl Whitener {
-    /// For noises as [`climb`] has found them.
+    /// The whitener for noises that [`climb`] has found.
     pub fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
         let filter = Filter::new(data, vehicle, state, noises)?;
         let mut covariance = filter.start(0.0);
@@ -207,12 +211,12 @@ impl Whitener {
         self.log_det
     }
 
-    /// Innovations over their standard deviations, uncorrelated between channels. All channels have one sample a step.
+    /// Normalised innovations, uncorrelated between channels. All channels must have one sample per step.
     pub fn filter(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
         self.run(data, samples, |_| {})
     }
 
-    /// One state of the filter over time; those of the vehicle come first, then the turbulence.
+    /// One state of the filter over time; the states of the vehicle come first, then the turbulence.
     pub fn states(&self, data: &Data, samples: &[f64], index: usize) -> Vec<f64> {
         let mut values = Vec::with_capacity(data.steps);
         self.run(data, samples, |x| values.push(x[index]));
@@ -240,8 +244,8 @@ impl Whitener {
     }
 }
 
-/// Logarithm of the likelihood of a residual, without constants, over the rows that every noise model is judged by; all
-/// channels must have one sample a step. `None` when the filter has no finite gain.
+/// Log-likelihood of a residual, without constants, over the rows that every noise model is judged by; all
+/// channels must have one sample per step. `None` when the filter has no finite gain.
 pub fn log_likelihood(
     data: &Data,
     vehicle: &Vehicle,
@@ -251,8 +255,8 @@ pub fn log_likelihood(
 ) -> Option<f64> {
     let filter = Filter::new(data, vehicle, state, noises)?;
     let p = data.channels.len();
-    // The initial state was fitted as if there were no turbulence: it is open again. The rows that no likelihood counts
-    // settle it.
+    // The initial state was fitted without turbulence: the filter estimates it again. The rows that no
+    // likelihood counts let it settle.
     let mut covariance = filter.start(100.0 * residual.iter().fold(0.0f64, |m, r| m.max(r.abs())));
     let ranges = data.ranges();
     let rows = ranges.iter().map(|r| r.len()).min()?;

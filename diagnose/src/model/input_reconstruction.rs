@@ -1,8 +1,8 @@
-//! What is missing: a residual traced back through the model to the input or the force that would explain it.
+//! Input reconstruction: estimates the unknown input or force that would explain a residual.
 //!
-//! The residual is seen as the response of the linear model to an unknown input or force that walks at random, in noise.
-//! Kalman's filter forward and the smoother of Rauch, Tung and Striebel (1965) backward, both with their steady gains,
-//! give the unknown.
+//! The residual is modelled as the response of the linear model to an unknown input or force that is a random
+//! walk, plus noise. A Kalman filter forward and the smoother of Rauch, Tung and Striebel (1965) backward,
+//! both with steady gains, estimate the unknown.
 
 use crate::thresholds::{RESPONSE_STEPS, RICCATI_ROUNDS};
 use nalgebra::{DMatrix, DVector};
@@ -12,7 +12,7 @@ use crate::data::record::Data;
 use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_logs::stats::rms;
 
-/// Where the unknown acts.
+/// Entry of the unknown signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Entry {
     /// Added to an input.
@@ -21,11 +21,11 @@ pub enum Entry {
     State(usize),
 }
 
-/// The linear model with an unknown at one entry.
+/// The linear model augmented by the unknown at one entry, with its filter and smoother.
 struct Inverse {
-    /// Model and unknown, from step to step.
+    /// State transition matrix of model and unknown.
     f: DMatrix<f64>,
-    /// All channels of model and unknown.
+    /// Output matrix of model and unknown, all channels.
     h: DMatrix<f64>,
     /// Gain of the filter.
     gain: DMatrix<f64>,
@@ -33,10 +33,11 @@ struct Inverse {
     back: DMatrix<f64>,
 }
 
-/// The unknown over the steps of a record for several residuals (samples of all channels), all under the same
-/// smoothing: fit for the first of them, which is free of noise. `noise` is the standard deviation of each channel's.
+/// Estimates of the unknown over the steps of a record for several residuals (samples of all channels), all
+/// with the same smoothing: that for the first of them, which is free of noise. `noise` is the standard
+/// deviation of each channel's noise.
 ///
-/// `None` when the model has no way from the entry to a channel, or the filter does not settle.
+/// `None` when no channel responds to the entry, or the filter does not settle.
 pub fn reconstruct(
     vehicle: &Vehicle,
     data: &Data,
@@ -59,7 +60,7 @@ pub fn reconstruct(
     if !(step.is_finite() && step > 0.0) {
         return None;
     }
-    // Without noise first: how much the unknown moves from step to step.
+    // First without noise: how much the unknown changes from step to step.
     let quiet: Vec<f64> = sizes.iter().map(|s| 1e-3 * s.max(1e-6 * loud)).collect();
     let first = Inverse::new(&f, &h, step, &quiet)?.trace(data, clean);
     let moves = rms(&first.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>());
@@ -78,7 +79,7 @@ pub fn reconstruct(
     traces.iter().flatten().all(|v| v.is_finite()).then_some(traces)
 }
 
-/// What the linear model answers to a sequence at the entry: all channels side by side, step after step.
+/// Response of the linear model to a sequence at the entry: all channels side by side, step after step.
 pub fn answers(vehicle: &Vehicle, data: &Data, entry: Entry, sequence: &[f64]) -> Option<Vec<f64>> {
     let (f, h) = augmented(vehicle, data, entry)?;
     let n = f.nrows();
@@ -92,7 +93,8 @@ pub fn answers(vehicle: &Vehicle, data: &Data, entry: Entry, sequence: &[f64]) -
     rows.iter().all(|v| v.is_finite()).then_some(rows)
 }
 
-/// Samples of all channels on every step, channels side by side; straight lines between the samples of a slow sensor.
+/// Samples of all channels at every step, channels side by side; linear interpolation between the samples of
+/// a slow sensor.
 pub fn spread(data: &Data, samples: &[f64]) -> Vec<f64> {
     let p = data.channels.len();
     let mut rows = vec![0.0; data.steps * p];
@@ -134,7 +136,7 @@ fn augmented(vehicle: &Vehicle, data: &Data, entry: Entry) -> Option<(DMatrix<f6
     Some((f, h))
 }
 
-/// What a constant unknown of one does to each channel within some steps.
+/// Response of each channel to a constant unknown of one within some steps.
 fn response(f: &DMatrix<f64>, h: &DMatrix<f64>) -> Vec<f64> {
     let n = f.nrows();
     let mut x = DVector::zeros(n);
@@ -148,12 +150,12 @@ fn response(f: &DMatrix<f64>, h: &DMatrix<f64>) -> Vec<f64> {
 }
 
 impl Inverse {
-    /// `step` is the standard deviation of the unknown's move from one step to the next.
+    /// The filter and smoother; `step` is the standard deviation of the unknown's change per step.
     fn new(f: &DMatrix<f64>, h: &DMatrix<f64>, step: f64, noise: &[f64]) -> Option<Self> {
         let n = f.nrows();
         let mut q = DMatrix::zeros(n, n);
         for i in 0..n {
-            // A trace on the states keeps the recursion regular.
+            // A small process noise on the states keeps the recursion regular.
             let size = if i + 1 == n { step } else { 1e-3 * step * f[(i, n - 1)].abs() };
             q[(i, i)] = size * size;
         }
@@ -178,7 +180,7 @@ impl Inverse {
         finite.then_some(Self { f: f.clone(), h: h.clone(), gain, back })
     }
 
-    /// The unknown over the steps of the record.
+    /// The estimated unknown over the steps of the record.
     fn trace(&self, data: &Data, rows: &[f64]) -> Vec<f64> {
         let (n, p) = (self.f.nrows(), self.h.nrows());
         let mut filtered: Vec<DVector<f64>> = Vec::with_capacity(data.steps);

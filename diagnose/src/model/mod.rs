@@ -1,4 +1,4 @@
-//! Hypotheses about a record: free runs, noise, likelihood, and what effects would do to the samples.
+//! Models of a record: free runs, noise, likelihood, and the response of the samples to effects.
 
 pub mod climb;
 pub mod columns;

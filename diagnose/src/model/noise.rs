@@ -1,4 +1,4 @@
-//! The noise of a record: one autoregressive model a channel, and what it makes of residuals and signatures.
+//! Noise of a record: one autoregressive model per channel, which whitens residuals and signatures.
 
 use crate::thresholds::{DECLARED_NOISE_LOG_STD, MAX_AR_ORDER};
 use std::sync::Arc;
@@ -8,34 +8,34 @@ use whirlstand_ident::identify::ar::Ar;
 use crate::data::record::Data;
 use crate::model::innovations::Whitener;
 
-/// One model a channel.
+/// Noise model of all channels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Noise {
-    /// In the order of the channels.
+    /// Autoregressive models, in the order of the channels.
     pub channels: Vec<Ar>,
-    /// Standard deviation of each channel's noise in all, colour and all.
+    /// Total standard deviation of each channel's noise, colour included.
     pub total: Vec<f64>,
-    /// Turbulence and noise of all channels together, in place of the single channels' models.
+    /// Joint model of turbulence and noise of all channels, used in place of the single channels' models.
     pub common: Option<Arc<Whitener>>,
-    /// True for a model that is given, not fitted.
+    /// True for a model that is given and not fitted.
     pub given: bool,
 }
 
 /// Likelihood of a residual with the noise model that fits it best.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
-    /// The model.
+    /// The noise model.
     pub noise: Noise,
-    /// Logarithm of the likelihood, without constants.
+    /// Log-likelihood, without constants.
     pub log_likelihood: f64,
-    /// Rows that count.
+    /// Number of rows that count.
     pub rows: usize,
-    /// Numbers that the noise model has.
+    /// Number of parameters of the noise model.
     pub parameters: usize,
 }
 
 impl Profile {
-    /// Bayesian information criterion with `parameters` more of the model's own; smaller is better.
+    /// Bayesian information criterion with `parameters` further parameters of the model; smaller is better.
     pub fn bic(&self, parameters: usize) -> f64 {
         -2.0 * self.log_likelihood + (self.parameters + parameters) as f64 * (self.rows as f64).ln()
     }
@@ -52,10 +52,10 @@ impl Noise {
         }
     }
 
-    /// Fits residuals (filled, all channels).
+    /// Fits the noise model to residuals (filled, all channels).
     ///
-    /// What is declared of a sensor's noise is known before: the logarithm of its standard deviation has a normal prior.
-    /// Without it, an autoregressive model takes any offset for a slow noise at hardly any cost.
+    /// The declared noise of a sensor is a prior: the logarithm of its standard deviation is normally
+    /// distributed. Without it, an autoregressive model takes any offset for slow noise at hardly any cost.
     pub fn fit(data: &Data, residual: &[f64]) -> Profile {
         let mut profile = Profile {
             noise: Self { channels: Vec::new(), total: Vec::new(), common: None, given: false },
@@ -84,7 +84,7 @@ impl Noise {
                 count += 1;
             }
             let total = (power / count.max(1) as f64).sqrt().max(ar.variance.sqrt());
-            // A predictor that follows the record errs by more than its sensors.
+            // The innovations of a predictor that follows the record exceed the noise of its sensors.
             if data.memory_s.is_none() && channel.declared > 0.0 {
                 profile.log_likelihood -=
                     0.5 * ((total / channel.declared).ln() / DECLARED_NOISE_LOG_STD).powi(2);
@@ -95,17 +95,17 @@ impl Noise {
         profile
     }
 
-    /// This model with all channels' noise as one.
+    /// This model with a joint model of all channels' noise.
     pub fn with_common(self, whitener: Whitener) -> Self {
         Self { common: Some(Arc::new(whitener)), given: true, ..self }
     }
 
-    /// This model where it is not to be fitted anew.
+    /// This model where it must not be refitted.
     pub fn shared(&self) -> Option<&Self> {
         self.given.then_some(self)
     }
 
-    /// Likelihood of a residual (filled, all channels): with models fitted anew, or with a given one as it is.
+    /// Likelihood of a residual (filled, all channels): with refitted models, or with a given one unchanged.
     pub fn again(&self, data: &Data, residual: &[f64]) -> Profile {
         if !self.given {
             return Self::fit(data, residual);
@@ -127,9 +127,9 @@ impl Noise {
         Profile { noise: self.clone(), log_likelihood: -0.5 * (sum + steps * log_det), rows, parameters }
     }
 
-    /// What is white in `samples`, over its standard deviation; 0 in rows that do not count. The first rows, which have
-    /// no past to be foretold from, stand as they are over the noise's standard deviation in all: likelihoods leave
-    /// them out, but fast parts of the initial state show nowhere else.
+    /// Whitened and normalised `samples`; 0 in rows that do not count. The first rows, which have no past to
+    /// be predicted from, are divided by the noise's total standard deviation: likelihoods leave them out,
+    /// but fast modes of the initial state show nowhere else.
     pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
         if let Some(common) = &self.common {
             return self.masked(data, samples, common.filter(data, samples));
@@ -149,7 +149,7 @@ impl Noise {
         out
     }
 
-    /// Rows that do not count, and the first rows, as in [`Noise::whiten`].
+    /// Masks rows that do not count and scales the first rows, as in [`Noise::whiten`].
     fn masked(&self, data: &Data, raw: &[f64], mut white: Vec<f64>) -> Vec<f64> {
         for ((channel, range), total) in data.channels.iter().zip(data.ranges()).zip(&self.total) {
             let early = if *total > 0.0 { 1.0 / total } else { 0.0 };
@@ -165,7 +165,7 @@ impl Noise {
         white
     }
 
-    /// As [`Noise::whiten`], but with every row: for a response that is shifted in time afterwards.
+    /// Whitens as [`Noise::whiten`], but keeps every row: for a response that is shifted in time afterwards.
     pub fn filter_all(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
         if let Some(common) = &self.common {
             return common.filter(data, samples);
@@ -179,7 +179,7 @@ impl Noise {
         out
     }
 
-    /// Standard deviation of what a channel's noise adds up to.
+    /// Total standard deviation of a channel's noise.
     pub fn std(&self, channel: usize, data: &Data, residual: &[f64]) -> f64 {
         let range = data.ranges()[channel].clone();
         let good = &data.channels[channel].good;
@@ -188,7 +188,7 @@ impl Noise {
     }
 }
 
-/// A(q) applied to a sequence; what lies before it counts as zero.
+/// The filter A(q) applied to a sequence, with zeros before its beginning.
 pub(crate) fn filtered(ar: &Ar, r: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; r.len()];
     ar.filter(r, &mut out);

@@ -1,11 +1,11 @@
-//! Predictions that follow a record: a Kalman filter along its samples, those that are missing included.
+//! Predictors that follow a record: a Kalman filter along its samples, with missing ones skipped.
 //!
-//! A free run is one end of a family. Its predictor forgets nothing and learns nothing: whatever moved the vehicle and
-//! was not recorded (a gust, a drift) stays in it for ever, and where the vehicle is unstable it grows. A predictor
-//! with process noise is corrected by what it missed (Ljung, System Identification, 1999, chapter 7; Jategaonkar,
-//! Flight Vehicle System Identification, 2015, chapter 5: filter error). Its innovations are residuals like those of a
-//! free run: any predictor of the next sample from those before gives a likelihood (Ljung, 7.4), so that all
-//! predictors of one record can be compared by it.
+//! A free run is the limit of a family of predictors, without any correction: an unrecorded disturbance (a
+//! gust, a drift) stays in it forever, and where the vehicle is unstable it grows. A predictor with process
+//! noise is corrected by its prediction errors (Ljung, System Identification, 1999, chapter 7; Jategaonkar,
+//! Flight Vehicle System Identification, 2015, chapter 5: filter error). Its innovations are residuals like
+//! those of a free run: any predictor of the next sample from earlier ones gives a likelihood (Ljung, 7.4),
+//! so that all predictors of one record can be compared by it.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::{Vehicle, discretise};
@@ -14,23 +14,23 @@ use crate::data::record::Data;
 use crate::thresholds::SETTLED_GAIN_CHANGE;
 use whirlstand_logs::stats::white_noise_std;
 
-/// Gains along a record.
+/// Filter gains along a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observer {
     /// Gains, states x channels, column after column.
     gains: Vec<Vec<f64>>,
-    /// Which of them every step has.
+    /// Index into `gains` of every step.
     steps: Vec<u32>,
     states: usize,
 }
 
 impl Observer {
-    /// The filter of a vehicle over a record whose predictions remember for `memory_s`: the process noise on each state
-    /// with dynamics of its own is so large that within that time it moves a channel as far as the mean of the
-    /// channel's samples over that time is uncertain.
+    /// The filter of a vehicle over a record with a memory of `memory_s`: the process noise on each state
+    /// with dynamics of its own is so large that within that time it moves a channel by the standard error of
+    /// the mean of the channel's samples over that time.
     ///
-    /// `None` when the linear model has no finite step or the filter's covariance grows without bound: what is unstable
-    /// and not seen cannot be followed.
+    /// `None` when the linear model has no finite discretisation or the filter's covariance grows without
+    /// bound: an unstable and unobservable mode cannot be followed.
     pub fn new(vehicle: &Vehicle, data: &Data, memory_s: f64) -> Option<Self> {
         let (phi, _) = discretise(&vehicle.a, &vehicle.b, data.period_s).ok()?;
         let (n, p) = (vehicle.states.len(), data.channels.len());
@@ -40,7 +40,8 @@ impl Observer {
         let mut covariance = DMatrix::zeros(n, n);
         let mut observer =
             Self { gains: vec![vec![0.0; n * p]], steps: Vec::with_capacity(data.steps), states: n };
-        // Where the same channels are measured as a step before and the covariance has come to rest, so has the gain.
+        // Where the same channels are measured as a step before and the covariance has settled, so has the
+        // gain.
         let mut last: Option<(Vec<usize>, u32)> = None;
         for k in 0..data.steps {
             if data.starts.contains(&k) {
@@ -81,14 +82,14 @@ impl Observer {
             }
             let change = (&covariance - &before).abs().max();
             let settled = change <= SETTLED_GAIN_CHANGE * size;
-            // Slow channels come in turns: only what is measured in every step comes to rest.
+            // Slow channels alternate: the gain settles only where all channels are measured at every step.
             last = (settled && data.channels.iter().all(|c| c.stride == 1)).then_some((measured, at));
         }
         Some(observer)
     }
 
-    /// Change of the state by the errors of the predictions (measured minus predicted, one a channel, 0 for a channel
-    /// without a sample) at step `k`.
+    /// Correction of the state by the prediction errors (measured minus predicted, one per channel, 0 for a
+    /// channel without a sample) at step `k`.
     pub fn change(&self, k: usize, errors: &[f64], out: &mut [f64]) {
         out.fill(0.0);
         let gains = &self.gains[self.steps[k] as usize];
@@ -98,7 +99,8 @@ impl Observer {
     }
 }
 
-/// Standard deviation of each channel's noise: the declared, or what its samples show from one to the next.
+/// Standard deviation of each channel's noise: the declared one, or an estimate from sample-to-sample
+/// changes.
 fn measurement_noise(vehicle: &Vehicle, data: &Data) -> Vec<f64> {
     let noise = |channel: &crate::data::record::Channel| {
         let declared = vehicle.outputs[channel.output].noise;
@@ -113,7 +115,7 @@ fn measurement_noise(vehicle: &Vehicle, data: &Data) -> Vec<f64> {
     data.channels.iter().map(noise).collect()
 }
 
-/// Variance of the process noise of a step, state by state.
+/// Variance of the process noise per step, one per state.
 fn driving(
     vehicle: &Vehicle,
     data: &Data,
@@ -129,7 +131,7 @@ fn driving(
         }
         let mut x = DVector::zeros(n);
         x[state] = 1.0;
-        // What white noise of variance one a step adds up to in each channel.
+        // Variance in each channel due to white process noise of variance one per step.
         let mut moved = vec![0.0; c.nrows()];
         for _ in 0..steps {
             moved.iter_mut().zip((c * &x).iter()).for_each(|(m, y)| *m += y * y);

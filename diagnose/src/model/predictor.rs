@@ -1,4 +1,5 @@
-//! Which predictor a record asks for: a free run, or one that follows the record, and for how long that remembers.
+//! Choice of the predictor of a record: a free run, or a filter that follows the record with a certain
+//! memory.
 
 use whirlstand_vehicle::Vehicle;
 
@@ -11,33 +12,33 @@ use crate::thresholds::{
 };
 use crate::vehicle_poles::time_constants_s;
 
-/// A predictor that follows the record, and what the vehicle without any cause comes to with it.
+/// A predictor that follows the record, with the likelihood of the vehicle without any cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Memory {
-    /// For how long it remembers, s.
+    /// Memory of the predictor, s.
     pub seconds: f64,
-    /// Likelihood of the record, the memory counted as a number that was chosen.
+    /// Likelihood of the record, with the memory counted as one more parameter.
     pub likelihood: Likelihood,
 }
 
-/// How likely a model makes a record.
+/// Likelihood of a record under a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Likelihood {
     /// Bayesian information criterion; smaller is better.
     pub bic: f64,
-    /// Samples that counted.
+    /// Number of samples that counted.
     pub rows: usize,
 }
 
 impl Likelihood {
-    /// What another model gains in BIC. Of two that set other samples aside, each counts by the sample.
+    /// Gain of another model in BIC. Where the two exclude different samples, BIC per sample is compared.
     pub fn bic_gain(&self, other: &Self) -> f64 {
         let each = |l: &Self| l.bic / l.rows.max(1) as f64;
         (each(self) - each(other)) * self.rows.min(other.rows) as f64
     }
 }
 
-/// All predictors that follow the record, the likeliest first; none where nothing can follow it.
+/// All predictors that follow the record, the most likely first; empty where no filter can follow it.
 pub fn memories(vehicle: &Vehicle, data: &Data) -> Vec<Memory> {
     let shortest = SHORTEST_MEMORY_STEPS * data.period_s;
     let longest = MEMORY_RECORD_SHARE * data.duration_s();
@@ -49,13 +50,13 @@ pub fn memories(vehicle: &Vehicle, data: &Data) -> Vec<Memory> {
     found
 }
 
-/// The vehicle alone with a memory; `None` where nothing follows the record.
+/// The vehicle alone with a memory; `None` where no filter follows the record.
 fn null(vehicle: &Vehicle, data: &Data, seconds: f64) -> Option<Memory> {
     weigh(vehicle, data, Some(seconds), None).map(|likelihood| Memory { seconds, likelihood })
 }
 
-/// The vehicle alone with a memory, or none for a free run, beside a noise that is given, or fitted; `None` where that has no
-/// prediction.
+/// The vehicle alone with a memory, or as a free run without one, with given or fitted noise; `None` where it
+/// has no prediction.
 fn weigh(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>, noise: Option<&Noise>) -> Option<Likelihood> {
     let data = Data { memory_s, ..data.clone() };
     let free_run = FreeRun::new(vehicle, &data);
@@ -65,13 +66,14 @@ fn weigh(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>, noise: Option<&N
     Some(Likelihood { bic: fit.profile.bic(usize::from(memory_s.is_some())), rows: fit.profile.rows })
 }
 
-/// What some inputs gain in BIC over the same inputs at rest, in the data's own memory; `None` where one of the two has no
-/// prediction.
+/// Gain in BIC of some inputs over the same inputs at rest, with the data's own memory; `None` where one of
+/// the two has no prediction.
 pub fn gain_of_inputs(vehicle: &Vehicle, data: &Data, inputs: &[usize]) -> Option<f64> {
     gain_beside(vehicle, data, inputs, None)
 }
 
-/// The same beside white noise as it is declared, which takes no slow answer for colour; `None` also where a channel's is not.
+/// Gain in BIC of some inputs over the same inputs at rest beside declared white noise, which cannot absorb a
+/// slow response as coloured noise; `None` also where a channel's noise is not declared.
 pub fn gain_beside_declared(vehicle: &Vehicle, data: &Data, inputs: &[usize]) -> Option<f64> {
     let declared: Vec<f64> = data.channels.iter().map(|c| c.declared).collect();
     if declared.contains(&0.0) {
@@ -89,9 +91,9 @@ fn gain_beside(vehicle: &Vehicle, data: &Data, inputs: &[usize], noise: Option<&
     Some(likelihood(&still)?.bic_gain(&likelihood(data)?))
 }
 
-/// How far ahead predictions of a vehicle are judged where nobody says, s: its slowest time constant that a record of this
-/// length can show, since a prediction is then all but its own motion; where a filter follows the record, no further than that
-/// remembers, since what lies beyond is up to forces that nobody knows yet.
+/// Default prediction horizon, s: the vehicle's slowest time constant that a record of this length can show,
+/// after which a prediction is little but the vehicle's own motion; where a filter follows the record, at
+/// most its memory, since predictions beyond depend on unknown forces.
 pub fn default_horizon_s(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>) -> f64 {
     let longest = HORIZON_RECORD_SHARE * data.duration_s();
     let least = LEAST_HORIZON_STEPS * data.period_s;

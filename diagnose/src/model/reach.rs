@@ -1,28 +1,30 @@
-//! Which channels a value of a model can move at all, and which values can be moved together.
+//! Structural dependence: which channels a parameter can affect, and which parameters can be perturbed in one
+//! run.
 //!
-//! Axes of a vehicle that know nothing of each other have sensitivities without common rows. Those of several such values come from
-//! one run in which all of them are moved (Curtis, Powell and Reid, J. Inst. Maths Applics 13, 1974).
+//! Axes of a vehicle that are decoupled have sensitivities without common rows. Those of several such
+//! parameters come from one run in which all of them are perturbed (Curtis, Powell and Reid, J. Inst. Maths
+//! Applics 13, 1974).
 
 use whirlstand_vehicle::{Effect, Matrix, Place, Target, Vehicle};
 
 use crate::data::record::Data;
 
-/// A set of signals, or of channels, one bit each: a vehicle has at most 32 states, inputs and outputs each.
+/// A set of signals or channels as one bit each: a vehicle has at most 32 states, inputs and outputs each.
 pub type Set = u128;
 
-/// What moves what: states, then inputs, then outputs.
+/// Reachability between signals, in the order states, inputs, outputs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reach {
-    /// What each signal moves, itself included.
+    /// The signals that each signal affects, itself included.
     moves: Vec<Set>,
     states: usize,
     inputs: usize,
-    /// The signal of each channel.
+    /// The signal index of each channel.
     channels: Vec<usize>,
 }
 
 impl Reach {
-    /// Of a vehicle with all its effects, of which the `open` targets may become other than zero.
+    /// Reachability of a vehicle with all its effects, where the `open` targets may become non-zero.
     pub fn new<'t>(vehicle: &Vehicle, data: &Data, open: impl Iterator<Item = &'t Target>) -> Self {
         let (n, m, p) = (vehicle.states.len(), vehicle.inputs.len(), vehicle.outputs.len());
         let channels = data.channels.iter().map(|c| n + m + c.output).collect();
@@ -52,7 +54,7 @@ impl Reach {
         reach
     }
 
-    /// Signals that act at a place, and those that they act on there.
+    /// Signals on which a place depends, and those that it affects.
     fn ends(&self, place: Place) -> (Set, Set) {
         let (input, output) = (self.states, self.states + self.inputs);
         let one = |signal: usize| -> Set { 1 << signal };
@@ -63,7 +65,7 @@ impl Reach {
             Place::Output(i) => (one(output + i), one(output + i)),
             Place::StatePair(a, b) => (one(a), one(b)),
             Place::InputPair(a, b) => (one(input + a), one(input + b)),
-            // What turns two outputs turns their rates with them.
+            // A misalignment of two outputs mixes their rates too.
             Place::OutputPair(..) => (outputs, outputs),
             Place::Entry(Matrix::A, i, j) => (one(j), one(i)),
             Place::Entry(Matrix::B, i, j) => (one(input + j), one(i)),
@@ -79,7 +81,7 @@ impl Reach {
         (0..signals).filter(|s| from >> s & 1 == 1).for_each(|s| self.moves[s] |= onto);
     }
 
-    /// A filter corrects states by all outputs that any state with which they hang together shows in.
+    /// A filter corrects states by every output that a coupled state affects.
     fn correct(&mut self) {
         self.close();
         let shown = self.states + self.inputs;
@@ -98,7 +100,7 @@ impl Reach {
         }
     }
 
-    /// What is moved by what moves is moved.
+    /// Transitive closure of the reachability.
     fn close(&mut self) {
         for via in 0..self.moves.len() {
             let onto = self.moves[via];
@@ -106,7 +108,7 @@ impl Reach {
         }
     }
 
-    /// The channels that signals move.
+    /// The channels that a set of signals affects.
     fn channels(&self, signals: Set) -> Set {
         let reached =
             (0..self.moves.len()).filter(|s| signals >> s & 1 == 1).fold(0, |all, s| all | self.moves[s]);
@@ -114,17 +116,17 @@ impl Reach {
         self.channels.iter().enumerate().map(bit).fold(0, |all, c| all | c)
     }
 
-    /// The channels that a state moves.
+    /// The channels that a state affects.
     pub fn of_state(&self, state: usize) -> Set {
         self.channels(1 << state)
     }
 
-    /// The channels that what acts at a target moves.
+    /// The channels that an entry of the vehicle affects.
     pub fn of_target(&self, target: &Target, vehicle: &Vehicle) -> Set {
         self.channels(self.ends(place_of(target, vehicle)).1)
     }
 
-    /// The channels that an effect moves.
+    /// The channels that an effect affects.
     pub fn of_effect(&self, effect: &Effect, vehicle: &Vehicle) -> Set {
         self.channels(self.ends(place(effect, vehicle)).1)
     }
@@ -141,7 +143,7 @@ fn place_of(target: &Target, vehicle: &Vehicle) -> Place {
     }
 }
 
-/// Groups of values of which no two move the same channel.
+/// Groups of parameters of which no two affect the same channel.
 pub fn groups(reached: &[Set]) -> Vec<Vec<usize>> {
     let mut groups: Vec<(Set, Vec<usize>)> = Vec::new();
     for (value, own) in reached.iter().enumerate() {

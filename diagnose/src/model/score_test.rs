@@ -1,4 +1,5 @@
-//! The score test: how much of a residual a signature could explain once all nuisances had their share.
+//! Score test: how much of a residual a signature could explain once all nuisance parameters are accounted
+//! for.
 
 use std::sync::Arc;
 
@@ -6,24 +7,24 @@ use crate::data::record::Data;
 use crate::model::columns::{Column, dot, dots, subtract_all};
 use crate::model::noise::Noise;
 
-/// A residual under one noise model, with what nuisances explain projected out.
+/// A residual under one noise model, with the nuisances projected out.
 #[derive(Debug, Clone)]
 pub struct ScoreTest<'d> {
     data: &'d Data,
     noise: Noise,
     /// Orthonormal basis of the whitened nuisances.
     basis: Vec<Vec<f64>>,
-    /// The nuisances that the basis is made of, and by how much of each: one row a function of the basis.
+    /// The nuisances of the basis, and their coefficients: one row per basis function.
     nuisances: Vec<Column>,
     shares: Vec<Vec<f64>>,
-    /// Whitened residual without its part in that basis.
+    /// Whitened residual without its component in that basis.
     residual: Vec<f64>,
 }
 
-/// What a signature could explain.
+/// Result of a score test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Score {
-    /// By how much it fits best.
+    /// Amplitude of the best fit.
     pub amplitude: f64,
     /// Reduction of the whitened sum of squares: the score statistic.
     pub score: f64,
@@ -32,7 +33,7 @@ pub struct Score {
 }
 
 impl<'d> ScoreTest<'d> {
-    /// `residual` is filled; `nuisances` are raw columns.
+    /// Prepares a test; `residual` is filled, `nuisances` are columns that are not whitened.
     pub fn new(data: &'d Data, noise: &Noise, residual: &[f64], nuisances: &[Column]) -> Self {
         let (mut basis, mut shares): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
         for (i, column) in nuisances.iter().enumerate() {
@@ -40,7 +41,7 @@ impl<'d> ScoreTest<'d> {
             let mut share = vec![0.0; nuisances.len()];
             share[i] = 1.0;
             let before = dot(&w, &w);
-            // Twice is enough (Giraud, Langou and Rozloznik 2005).
+            // Orthogonalising twice is enough (Giraud, Langou and Rozloznik 2005).
             for _ in 0..2 {
                 let by = dots(&basis, &w);
                 subtract_all(&mut w, &by, &basis);
@@ -63,7 +64,7 @@ impl<'d> ScoreTest<'d> {
         score_test
     }
 
-    /// Whitens (raw samples, filled) and projects.
+    /// Whitens samples (filled) and projects out the nuisances.
     pub fn project(&self, samples: &[f64]) -> Vec<f64> {
         let mut w = self.noise.whiten(self.data, samples);
         let by = dots(&self.basis, &w);
@@ -71,7 +72,7 @@ impl<'d> ScoreTest<'d> {
         w
     }
 
-    /// Raw samples (filled) without what the nuisances explain of them in this score test.
+    /// Samples (filled, not whitened) minus the part that the nuisances explain in this score test.
     pub fn without_nuisances(&self, samples: &[f64]) -> Vec<f64> {
         let w = self.noise.whiten(self.data, samples);
         let mut by = vec![0.0; self.nuisances.len()];
@@ -80,7 +81,7 @@ impl<'d> ScoreTest<'d> {
         }
         let mut rest = samples.to_vec();
         subtract_all(&mut rest, &by, &self.nuisances);
-        // Filling is linear: what the nuisances have where nothing counts goes with it.
+        // Filling is linear: the nuisances' values in samples that do not count are removed with it.
         self.data.fill(&mut rest);
         rest
     }
@@ -100,23 +101,23 @@ impl<'d> ScoreTest<'d> {
         &self.basis
     }
 
-    /// As [`ScoreTest::project`] for samples that may have gaps.
+    /// Whitens and projects as [`ScoreTest::project`], for samples that may have gaps.
     pub fn signature(&self, samples: &[f64]) -> Vec<f64> {
         self.project(&self.data.filled(samples))
     }
 
-    /// Product of a whitened signature with the residual, and its energy, both beside the nuisances: without taking them
-    /// off, as the residual has no part in them.
+    /// Inner product of a whitened signature with the residual, and its energy, both after projection: the
+    /// projection need not be carried out, as the residual has no nuisance component.
     fn product(&self, samples: &[f64]) -> (f64, f64) {
         let w = self.noise.whiten(self.data, &self.data.filled(samples));
         let whole = dot(&w, &w);
         let nuisances: f64 = dots(&self.basis, &w).iter().map(|c| c * c).sum();
         let energy = whole - nuisances;
-        // Less than rounding leaves is nothing.
+        // An energy below rounding counts as zero.
         (dot(&w, &self.residual), if energy > 1e-9 * whole { energy } else { 0.0 })
     }
 
-    /// The score of a raw signature.
+    /// The score of a signature that is not whitened.
     pub fn score(&self, samples: &[f64]) -> Score {
         let (product, energy) = self.product(samples);
         if energy.is_nan() || energy <= 0.0 {
@@ -125,7 +126,7 @@ impl<'d> ScoreTest<'d> {
         Score { amplitude: product / energy, score: product * product / energy, energy }
     }
 
-    /// The score of a raw signature that has one size only: it is taken whole or not at all, and may do harm.
+    /// The score of a signature with a fixed amplitude of one: it may also make the fit worse.
     pub fn whole(&self, samples: &[f64]) -> f64 {
         let (product, energy) = self.product(samples);
         2.0 * product - energy

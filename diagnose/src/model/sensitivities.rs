@@ -1,4 +1,4 @@
-//! Sensitivities of all samples by one-sided differences.
+//! Sensitivities of all samples to the parameters, by one-sided finite differences.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ impl Model<'_, '_> {
         let vehicle = &self.free_run.vehicle;
         slots.extend(self.free.iter().map(|f| {
             let value = vehicle.free_value(&f.target).abs();
-            // A zero that was fitted has no size of its own: its neighbours in the matrix have.
+            // A fitted zero has no size of its own: the scale follows from its range.
             let scale = if value > 0.0 { value } else { 1e-3 * (f.upper - f.lower).min(1e3) };
             Slot { lower: f.lower, upper: f.upper, scale: 1e-3 * scale }
         }));
@@ -28,7 +28,7 @@ impl Model<'_, '_> {
         slots
     }
 
-    /// Sensitivities by one-sided differences; those of the initial state may be given.
+    /// Sensitivities by one-sided differences; those to the initial state may be given.
     pub(super) fn columns(
         &self,
         values: &[f64],
@@ -48,7 +48,7 @@ impl Model<'_, '_> {
         Ok(columns)
     }
 
-    /// Those of the values after the initial state.
+    /// Sensitivities to the parameters after the initial state.
     pub(super) fn own_columns(
         &self,
         values: &[f64],
@@ -64,7 +64,7 @@ impl Model<'_, '_> {
         Ok(columns)
     }
 
-    /// The channels that each value after the initial state moves.
+    /// The channels that each parameter after the initial state affects.
     fn reached(&self, values: &[f64]) -> Result<Vec<Set>, ModelError> {
         let (vehicle, effects) = (self.vehicle(values)?, self.effects(values)?);
         let reach = Reach::new(&vehicle, self.free_run.data, self.free.iter().map(|f| &f.target));
@@ -76,8 +76,8 @@ impl Model<'_, '_> {
         Ok(free.chain(own).collect())
     }
 
-    /// Columns of some values after the initial state, of which no two move the same channel, from one run; from one each where
-    /// that leaves all bounds.
+    /// Columns of some parameters after the initial state, of which no two affect the same channel, from one
+    /// run; from one run each where that diverges.
     fn columns_of(
         &self,
         members: &[usize],
@@ -125,11 +125,11 @@ impl Model<'_, '_> {
 }
 
 impl FreeRun<'_> {
-    /// Derivatives of all samples by the initial states, one column a state of each record. One run moves the same state
-    /// of all records: none of them knows of the others.
+    /// Derivatives of all samples by the initial states, one column per state of each record. One run
+    /// perturbs the same state of all records, as records do not affect each other.
     ///
     /// # Errors
-    /// When a run leaves all bounds.
+    /// When a run diverges.
     pub fn initial_columns(
         &self,
         vehicle: &Vehicle,
@@ -192,7 +192,7 @@ mod tests {
         Data { memory_s, ..flown(vehicle, (0..400 * m).map(|at| input(at / m, at % m)).collect(), 5) }
     }
 
-    /// Two axes that know nothing of each other, or a built-in vehicle.
+    /// Two decoupled axes, or a built-in vehicle.
     fn vehicle(name: &str) -> Vehicle {
         let two = "name = \"two\"\nA = [[0.0, 1.0, 0.0], [-4.0, -1.0, 0.0], [0.0, 0.0, -2.0]]\n\
                    B = [[0.0, 0.0], [3.0, 0.0], [0.0, 5.0]]\nC = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n\
@@ -205,7 +205,7 @@ mod tests {
     /// An effect at a place with its parameters.
     type Given = (Kind, &'static str, Vec<(&'static str, f64)>);
 
-    /// Effects that tie axes together, or do not.
+    /// Effects that couple axes, and effects that do not.
     fn effects(name: &str) -> Vec<Given> {
         let mut all = vec![
             (Kind::SensorScale, "roll_rate", vec![("factor", 1.1)]),
@@ -236,7 +236,7 @@ mod tests {
         let mut vehicle = vehicle(name);
         let data = flight(&vehicle, memory_s);
         for (kind, place, parameters) in effects {
-            // Some vehicles lack a signal.
+            // Some vehicles lack a signal that an effect needs.
             let _ = vehicle.add_effect(Effect::new(*kind, place, parameters).unwrap());
         }
         let parameters = vehicle.effects.iter().enumerate().flat_map(|(index, effect)| {

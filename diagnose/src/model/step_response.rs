@@ -1,4 +1,4 @@
-//! What a force on a state does to the samples: one step response each, and what follows from it.
+//! Step responses of the samples to a force on each state, and the responses to sines that follow from them.
 
 use std::f64::consts::TAU;
 
@@ -10,18 +10,20 @@ use crate::data::record::Data;
 use crate::model::fit::{Fit, Model};
 use crate::model::wave::Wave;
 
-/// Changes of all samples per unit of a constant force on each state, from the beginning of each record on.
+/// Changes of all samples per unit of a constant force on each state, applied from the beginning of each
+/// record on.
 ///
-/// The model is taken as linear and constant: what is found with these is fitted with the simulator afterwards.
+/// The model is assumed linear and time-invariant: effects found with these responses are refitted with the
+/// simulator afterwards.
 #[derive(Debug, Clone)]
 pub struct Responses(Vec<Option<Vec<f64>>>);
 
 impl Responses {
-    /// One simulation a state.
+    /// Simulates one step response per state.
     pub fn new(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes) -> Self {
         let states = &model.free_run.vehicle.states;
         let step = |i: usize| -> Option<Vec<f64>> {
-            // Smaller than a nonlinear effect would notice, larger than rounding.
+            // The force is smaller than a nonlinear effect would notice and larger than rounding.
             let size = 1e-3 * sizes.slopes[i].max(1e-9);
             let values = [("at_s", 0.0), ("magnitude", size)];
             let effect = Effect::new(Kind::StepDisturbance, &states[i].name, &values).ok()?;
@@ -49,9 +51,10 @@ impl Responses {
             let mut start = 0;
             let mut last = (0.0, 0.0);
             let mut sum = (0.0, 0.0);
-            // From one sample to the next: half the angle, its cosine and sine, and how much of a rise counts.
+            // From one sample to the next: half the angle, its cosine and sine, and the share of the step
+            // response's increment that counts.
             let mut turn = (f64::NAN, 1.0, 0.0, 1.0);
-            // Phases count from the record's beginning, the response from that of the part that is seen.
+            // Phases count from the record's beginning, the response from the beginning of the part in use.
             let mut phase = (0.0, 1.0);
             let mut wave = Wave::new(0.0, channel.stride as f64 * data.period_s * frequency_hz);
             for (k, at) in range.enumerate() {
@@ -70,7 +73,7 @@ impl Responses {
                 let (_, half_c, half_s, share) = turn;
                 let (s, c) = wave.advance();
                 let rise = (step[at] - last.1) * share;
-                // Half way between this sample and the last.
+                // Midway between this sample and the last.
                 sum = (sum.0 + rise * (c * half_c + s * half_s), sum.1 - rise * (s * half_c - c * half_s));
                 let (own_s, own_c) = (s * sum.0 + c * sum.1, c * sum.0 - s * sum.1);
                 sine[at] = own_s * phase.1 + own_c * phase.0;

@@ -1,29 +1,29 @@
-//! Sine and cosine at even steps, by rotation.
+//! Sine and cosine at even steps, by complex rotation.
 
 use std::f64::consts::TAU;
 
-/// After so many rotations the angle is taken anew, so that no rounding builds up.
+/// Rotations after which the angle is recomputed, so that rounding does not accumulate.
 const ROTATIONS: u32 = 64;
 
-/// Sine and cosine of a phase that grows by the same angle from one value to the next.
+/// Generator of sine and cosine of a phase that grows by a constant angle per value.
 #[derive(Debug, Clone)]
 pub(crate) struct Wave {
-    /// Turns at the first value, and from one to the next.
+    /// Phase of the first value and phase increment, in turns.
     first: f64,
     each: f64,
-    /// How many values were given.
+    /// Number of values generated.
     given: u32,
     rotation: (f64, f64),
     now: (f64, f64),
 }
 
 impl Wave {
-    /// For phases `first`, `first + each` and so on, in turns.
+    /// A wave of phases `first`, `first + each` and so on, in turns.
     pub fn new(first: f64, each: f64) -> Self {
         Self { first, each, given: 0, rotation: (TAU * each).sin_cos(), now: (0.0, 1.0) }
     }
 
-    /// Goes on from another phase, in turns.
+    /// Restarts at another phase, in turns.
     pub fn begin(&mut self, first: f64) {
         (self.first, self.given) = (first, 0);
     }

@@ -1,7 +1,8 @@
-//! Whittle's likelihood of turbulence on one state: from the matrix of cross spectra of all channels.
+//! Whittle's likelihood of turbulence on one state, from the cross-spectral matrix of all channels.
 //!
-//! Turbulence on one state reaches all outputs that follow it, each by its own transfer function; coloured sensor noise
-//! stays in its channel. Quick, and an approximation: it gives the start for the exact likelihood.
+//! Turbulence on one state reaches all outputs that depend on it, each by its own transfer function; coloured
+//! sensor noise stays in its channel. The likelihood is fast and approximate: it gives the start for the
+//! exact likelihood.
 
 use crate::thresholds::{MIN_SPECTRUM_SAMPLES, SCORING_LIMITS, WEAK_CORRELATION};
 use std::f64::consts::TAU;
@@ -27,18 +28,19 @@ pub(crate) struct Cross {
     s: Vec<DMatrix<C>>,
     /// Widths of the bands, Hz.
     df: Vec<f64>,
-    /// Independent averages behind each.
+    /// Number of independent averages per frequency.
     pub averages: Vec<f64>,
     pub channels: Vec<usize>,
 }
 
 /// Cross spectra of a residual; `None` when it is too short.
 pub(crate) fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
-    // Slower channels have other frequencies: they are left out.
+    // Slower channels have other frequencies: they are excluded.
     let channels: Vec<usize> = (0..data.channels.len()).filter(|c| data.channels[*c].stride == 1).collect();
     let ranges = data.ranges();
     let n = channels.iter().map(|c| data.channels[*c].values.len()).min()?;
-    // Long segments: slow turbulence shows in the lowest frequencies only, and bands average what segments do not.
+    // Long segments: slow turbulence shows in the lowest frequencies only, and averaging over bands replaces
+    // averaging over segments.
     let mut length = 64;
     while length * 2 <= n / 2 && length < 4096 {
         length *= 2;
@@ -74,8 +76,8 @@ pub(crate) fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
     }
     s.iter_mut().for_each(|s| *s *= C::new(scale / segments, 0.0));
     let df = 1.0 / (length as f64 * data.period_s);
-    // Neighbouring bins of Hann windows and overlapping segments are not independent: together they count for what
-    // the samples count for.
+    // Neighbouring bins of Hann windows and overlapping segments are correlated: together they count as many
+    // independent averages as the samples allow.
     let averages = n as f64 / length as f64;
     let mut bands = Cross { f: Vec::new(), df: Vec::new(), s: Vec::new(), averages: Vec::new(), channels };
     let mut from = 0;
@@ -93,8 +95,8 @@ pub(crate) fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
     Some(bands)
 }
 
-/// Whittle's log-likelihood of noise of every channel for itself with density `level(band, channel)`, and a common part
-/// with density `common(band)` that reaches the channels by the responses `h`.
+/// Whittle's log-likelihood of independent noise of every channel with density `level(band, channel)`, and a
+/// common source with density `common(band)` that reaches the channels by the responses `h`.
 pub(crate) fn whittle(
     cross: &Cross,
     level: impl Fn(usize, usize) -> f64,
@@ -104,7 +106,7 @@ pub(crate) fn whittle(
     let p = cross.channels.len();
     let mut sum = 0.0;
     for (band, s) in cross.s.iter().enumerate() {
-        // Sherman and Morrison: the inverse of a diagonal and one outer product.
+        // Sherman-Morrison: the inverse of a diagonal matrix plus one outer product.
         let (mut value, mut reach) = (0.0, 0.0);
         let mut turned = vec![C::new(0.0, 0.0); p];
         for c in 0..p {
@@ -138,7 +140,8 @@ pub(crate) fn ar_density(ar: &Ar, f: f64, period_s: f64) -> f64 {
     2.0 * period_s * ar.variance / a.norm_sqr()
 }
 
-/// Response of the channels to what is added to each state's derivative: channels x states, per frequency.
+/// Frequency response of the channels to a force on each state's derivative: channels x states, per
+/// frequency.
 pub(crate) fn responses(vehicle: &Vehicle, data: &Data, cross: &Cross) -> Option<Vec<DMatrix<C>>> {
     let n = vehicle.states.len();
     let rows: Vec<usize> = cross.channels.iter().map(|c| data.channels[*c].output).collect();
@@ -154,19 +157,19 @@ pub(crate) fn responses(vehicle: &Vehicle, data: &Data, cross: &Cross) -> Option
         .collect()
 }
 
-/// First-order shaped noise on one state beside autoregressive noise of the channels, up to second order. Values:
-/// logarithms of standard deviation and bandwidth; of each channel's innovation; then the inverse hyperbolic tangents of
-/// every channel's first partial correlation, and of its second.
+/// First-order shaped noise on one state beside autoregressive noise of the channels, up to second order.
+/// Values: logarithms of standard deviation and bandwidth; of each channel's innovation; then the inverse
+/// hyperbolic tangents of every channel's first partial correlation, and of its second.
 pub(crate) struct Shaped {
     pub values: Vec<f64>,
     pub errors: Vec<f64>,
     pub likelihood: f64,
-    /// A plain start: a bandwidth of 0.5 Hz and white noise.
+    /// Default start values: a bandwidth of 0.5 Hz and white noise.
     pub first: Vec<f64>,
 }
 
 impl Shaped {
-    /// Partial correlations of a channel's noise; weak ones are none.
+    /// Partial correlations of a channel's noise; weak ones are set to zero.
     pub fn partial(&self, c: usize) -> [f64; 2] {
         let p = (self.values.len() - 2) / 3;
         let of = |order: usize| self.values[2 + order * p + c].tanh();
@@ -179,7 +182,7 @@ impl Shaped {
         }
     }
 
-    /// How many numbers say something.
+    /// Number of parameters that are not zero.
     pub fn parameters(&self) -> usize {
         let p = (self.values.len() - 2) / 3;
         2 + p + (0..p).flat_map(|c| self.partial(c)).filter(|r| *r != 0.0).count()
@@ -188,13 +191,13 @@ impl Shaped {
     pub(crate) fn fit(cross: &Cross, h: &[Vec<C>], period_s: f64) -> Option<Self> {
         let p = cross.channels.len();
         let mut start = vec![0.0; 2 + 3 * p];
-        // Noise: the level of the upper part of the band. Turbulence: what is above that.
+        // Noise: the level of the upper part of the band. Turbulence: the power above that level.
         let upper = 3 * cross.f.len() / 4;
         for c in 0..p {
             let level: Vec<f64> = cross.s[upper..].iter().map(|s| s[(c, c)].re).collect();
             start[2 + c] = 0.5 * (whirlstand_logs::stats::median(&level) / (2.0 * period_s)).max(1e-300).ln();
         }
-        // The size that gives a channel the power that it has, least over the channels.
+        // The turbulence size that gives a channel its measured power, smallest over the channels.
         let size = |bandwidth: f64| {
             let sizes = (0..p).filter_map(|c| {
                 let (mut power, mut gain) = (0.0, 0.0);
@@ -226,14 +229,14 @@ impl Shaped {
         best.map(|b| Self { first, ..b })
     }
 
-    /// Density of the shaped noise, and its derivatives by the first two values.
+    /// Spectral density of the shaped noise, and its derivatives by the first two values.
     fn common(values: &[f64], f: f64) -> (f64, [f64; 2]) {
         let (std, a, w) = (values[0].exp(), TAU * values[1].exp(), TAU * f);
         let phi = 4.0 * std * std * a / (a * a + w * w);
         (phi, [2.0 * phi, phi * (1.0 - 2.0 * a * a / (a * a + w * w))])
     }
 
-    /// Density of a channel's own noise, and its derivatives by size and both partial correlations.
+    /// Spectral density of a channel's own noise, and its derivatives by size and both partial correlations.
     fn own(values: &[f64], c: usize, p: usize, f: f64, period_s: f64) -> (f64, [f64; 3]) {
         let partial = [values[2 + p + c].tanh(), values[2 + 2 * p + c].tanh()];
         let [a, b] = coefficients(partial);
@@ -254,7 +257,7 @@ impl Shaped {
         whittle(cross, level, |band| Self::common(values, cross.f[band]).0, h)
     }
 
-    /// Information and gradient of Whittle's likelihood.
+    /// Fisher information and gradient of Whittle's likelihood.
     fn scoring(cross: &Cross, h: &[Vec<C>], period_s: f64, values: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
         let (p, k) = (cross.channels.len(), values.len());
         let (mut information, mut gradient) = (DMatrix::zeros(k, k), DVector::zeros(k));
@@ -310,7 +313,7 @@ impl Shaped {
         (information, gradient)
     }
 
-    /// Fisher scoring.
+    /// Maximises Whittle's likelihood by Fisher scoring.
     fn search(cross: &Cross, h: &[Vec<C>], period_s: f64, values: Vec<f64>) -> Option<Self> {
         let at = |values: &[f64]| {
             let likelihood = Self::likelihood(cross, h, period_s, values)?;
@@ -327,7 +330,7 @@ impl Shaped {
     }
 }
 
-/// Values with Whittle's likelihood.
+/// Parameter values with their Whittle likelihood.
 struct Scored<'c> {
     cross: &'c Cross,
     h: &'c [Vec<C>],

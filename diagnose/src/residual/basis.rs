@@ -1,4 +1,4 @@
-//! Functions of inputs and states that a force could be, where no effect of the table is it.
+//! Basis functions of inputs and states that a force might follow, where no effect of the table fits.
 
 use crate::thresholds::{
     FASTEST_MODULATION_HZ, HALF_WAVES, MAX_MODULATION_TURNS, RELAY_THRESHOLDS, SLOW_TURNS, SWITCH_SHARE,
@@ -7,16 +7,16 @@ use std::f64::consts::{PI, TAU};
 
 use crate::model::fit::Model;
 
-/// Functions of the same signal.
+/// Candidate functions of the same signal, tested together as one force.
 #[derive(Debug, Clone)]
 pub struct Basis {
-    /// What a force that is one of them does: "follows pitch", "swings with roll at 0.30 Hz".
+    /// Description of a force that follows these functions: "follows pitch", "swings with roll at 0.30 Hz".
     pub description: String,
-    /// One value a step each.
+    /// Functions over the steps of the record, one value per step.
     pub functions: Vec<Vec<f64>>,
 }
 
-/// Makes a basis when it is looked at: all of those of a long record together would fill the memory.
+/// Creates a basis on demand: all bases of a long record together would fill the memory.
 pub type Recipe<'s> = Box<dyn Fn() -> Basis + Send + Sync + 's>;
 
 fn recipe<'s>(make: impl Fn() -> Basis + Send + Sync + 's) -> Recipe<'s> {
@@ -29,28 +29,28 @@ impl Basis {
     }
 }
 
-/// An input or a state over its largest magnitude, a value a step.
+/// An input or a state divided by its largest magnitude, one value per step.
 #[derive(Debug, Clone)]
 pub struct Signal {
-    /// Its name.
+    /// Name of the signal.
     pub name: String,
-    /// Its values.
+    /// Normalised values.
     pub values: Vec<f64>,
 }
 
-/// What a force may follow.
+/// Signals that a force may follow.
 pub struct Signals {
     /// Inputs over the steps of the record.
     pub inputs: Vec<Signal>,
     /// States over the steps of the record.
     pub states: Vec<Signal>,
-    /// Turns of a swing over the record, at most.
+    /// Largest number of cycles of a modulation over the record.
     turns: usize,
     duration_s: f64,
 }
 
 impl Signals {
-    /// `states` over the steps of the record.
+    /// Normalised inputs and states; `states` are given over the steps of the record.
     pub fn new(model: &Model<'_, '_>, states: Vec<Vec<f64>>) -> Self {
         let (data, vehicle) = (model.free_run.data, &model.free_run.vehicle);
         let signal = |(mut values, name): (Vec<f64>, &String)| {
@@ -65,7 +65,7 @@ impl Signals {
         Self { inputs, states, turns, duration_s }
     }
 
-    /// Of inputs and states: smooth, swinging, switched or in waves, and products.
+    /// Bases of inputs and states: smooth, modulated, switched or sinusoidal functions, and products.
     pub fn all(&self) -> Vec<Recipe<'_>> {
         let mut all: Vec<Recipe<'_>> = Vec::new();
         for x in self.inputs.iter().chain(&self.states) {
@@ -77,7 +77,7 @@ impl Signals {
         all
     }
 
-    /// Of states alone, and their products with inputs.
+    /// Bases of states alone, and their products with inputs.
     pub fn of_states(&self) -> Vec<Recipe<'_>> {
         let mut all: Vec<Recipe<'_>> =
             self.states.iter().flat_map(|x| [recipe(|| smooth(x)), recipe(|| waves(x))]).collect();
@@ -87,7 +87,7 @@ impl Signals {
         all
     }
 
-    /// Of one input: all shapes, and each shape for itself beside the input's own gain.
+    /// Bases of one input: all shapes together, and each shape alone beside the input's own gain.
     pub fn of_input(&self, j: usize) -> Vec<Recipe<'_>> {
         let u = &self.inputs[j];
         let beside = |make: fn(&Signal) -> Basis, shape: usize| {
@@ -104,7 +104,8 @@ impl Signals {
         all
     }
 
-    /// Waves of several lengths over each state, each for itself, that no straight line is like.
+    /// Sinusoids of several wavelengths over the range of each state, one basis each, without the part that a
+    /// straight line explains.
     pub fn ripples(&self) -> Vec<Basis> {
         let of = |x: &Signal| {
             let description = wavy(x);
@@ -123,7 +124,7 @@ impl Signals {
         })
     }
 
-    /// A signal that acts now more, now less, in so many turns over the record.
+    /// A signal whose gain oscillates with `turns` cycles over the record.
     fn swung(&self, x: &Signal, turns: usize) -> Basis {
         let hz = turns as f64 / self.duration_s;
         Basis::new(format!("follows {} modulated at {hz:.2} Hz", x.name), swing(&x.values, turns))
@@ -134,11 +135,11 @@ fn map(v: &[f64], f: &dyn Fn(f64) -> f64) -> Vec<f64> {
     v.iter().map(|v| f(*v)).collect()
 }
 
-/// The signal itself, its powers and sides, and a switch.
+/// Static functions of a signal: the signal, its powers, its positive and negative parts, and a switch.
 pub const SHAPES: [fn(f64) -> f64; 6] =
     [|v| v, f64::abs, |v| v * v, |v| v * v.abs(), |v| v * v * v, |v| (v / SWITCH_SHARE).tanh()];
 
-/// Powers, sides and a switch of a signal: what a static curve is made of.
+/// Powers, positive and negative parts and a switch of a signal: components of a static curve.
 pub fn smooth(x: &Signal) -> Basis {
     Basis::new(format!("follows {}", x.name), SHAPES.iter().map(|f| map(&x.values, f)).collect())
 }
@@ -157,7 +158,7 @@ fn swing(v: &[f64], turns: usize) -> Vec<Vec<f64>> {
     vec![at(0.0), at(0.5 * PI)]
 }
 
-/// A signal that acts now more, now less, in few turns over the record.
+/// A signal whose gain varies slowly, over few cycles in the record.
 pub fn slowly(x: &Signal) -> Basis {
     let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns)).collect();
     Basis::new(format!("follows {} with a slowly varying gain", x.name), swings)
@@ -180,10 +181,10 @@ pub fn product(x: &Signal, y: &Signal) -> Vec<f64> {
     x.values.iter().zip(&y.values).map(|(x, y)| x * y).collect()
 }
 
-/// Plus one from where a signal rises above a threshold until it falls below minus that, then minus one; so many steps
-/// late, and the mean over each step.
+/// Output of a hysteresis relay: +1 from where a signal rises above a threshold until it falls below minus
+/// that, then -1; delayed by `late` steps and averaged over each step.
 pub fn relay(signal: &[f64], threshold: f64, late: f64) -> Vec<f64> {
-    // Where the signal crosses, between samples, and to which side.
+    // Times at which the signal crosses a threshold, between samples, and the new side.
     let mut turns: Vec<(f64, f64)> = Vec::new();
     let mut now = 0.0;
     for (k, x) in signal.iter().enumerate() {
@@ -208,7 +209,7 @@ pub fn relay(signal: &[f64], threshold: f64, late: f64) -> Vec<f64> {
     values
 }
 
-/// Over the largest magnitude.
+/// Divides values by the largest magnitude.
 pub(crate) fn scale(values: &mut [f64]) {
     let peak = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     if peak > 0.0 {
@@ -223,7 +224,7 @@ mod tests {
     #[test]
     fn a_switch_turns_between_samples_and_comes_late() {
         let signal: Vec<f64> = (0..9).map(|k| 1.0 - 0.5 * f64::from(k)).collect();
-        // Above 0.25 at once; below -0.25 at 2.5 steps.
+        // Above 0.25 immediately; below -0.25 at 2.5 steps.
         let at_once = relay(&signal, 0.25, 0.0);
         assert_eq!(at_once[..5], [1.0, 1.0, 0.0, -1.0, -1.0]);
         let late = relay(&signal, 0.25, 1.75);

@@ -1,4 +1,4 @@
-//! Whether the causes that were chosen are believed: nothing simpler may do as well.
+//! Credibility of the chosen causes: withdraws them where something simpler explains as much.
 
 use crate::candidates::library::Candidate;
 use crate::model::noise::Noise;
@@ -9,10 +9,11 @@ use crate::search::selection::Selection;
 use crate::thresholds::{LOUD_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE};
 use whirlstand_logs::stats::rms;
 
-/// Takes back causes that are not believed, with their gains in BIC: all of them where one force that follows a signal
-/// does as well (it is left in `like`) or they leave more than they explain, else those whose response is too far from the truth for what is left and no noise to
-/// be its misfit. `start` are the values without any cause. Turbulence explains part of what causes leave, and is weighed against
-/// forces where it is sized.
+/// Withdraws causes that are not credible, with their gains in BIC. All are withdrawn where one force that
+/// follows a signal does as well (it is left in `like`) or where they leave more than they explain; else
+/// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
+/// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
+/// is sized.
 pub fn withhold(
     selection: &mut Selection<'_, '_>,
     (lack, like): (&mut LackOfFit, &mut Option<ForceOnSignal>),
@@ -41,8 +42,8 @@ pub fn withhold(
     taken
 }
 
-/// One force that follows a signal, where it gains as much as all causes together do. Several causes must do plainly better
-/// than one force, and one force than one cause.
+/// One force that follows a signal, where it gains as much as all causes together. Several causes must do
+/// clearly better than one force, and one force clearly better than one cause.
 fn rival(
     selection: &Selection<'_, '_>,
     without: &Selection<'_, '_>,
@@ -58,7 +59,8 @@ fn rival(
     (rival.gain > own + lead).then_some(rival)
 }
 
-/// True when the causes leave more beyond the declared noise than they explain: then they are a part of something else.
+/// True when the causes leave more beyond the declared noise than they explain: they are then part of another
+/// cause.
 fn drowned(selection: &Selection<'_, '_>, without: &Selection<'_, '_>, declared: &[f64]) -> bool {
     let (mut left, mut explained) = (0.0, 0.0);
     let data = selection.model.free_run.data;

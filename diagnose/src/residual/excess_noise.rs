@@ -4,16 +4,16 @@ use crate::data::record::Data;
 use crate::thresholds::EXCESS_NOISE_RATIO;
 use whirlstand_ident::identify::ar::Ar;
 
-/// White noise of a channel beyond what is declared.
+/// White noise of a channel in excess of the declared noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExcessNoise {
-    /// Standard deviation of what is added, with its 95 % interval, SI.
+    /// Standard deviation of the additional noise, with its 95 % interval, SI.
     pub std: (f64, f64, f64),
-    /// Standard deviation in all over the declared one.
+    /// Ratio of the total to the declared standard deviation.
     pub times: f64,
 }
 
-/// Noise of a channel that is more than twice the declared, and about white.
+/// Excess noise of a channel whose noise is more than twice the declared one and about white.
 pub fn excess_noise(
     data: &Data,
     residual: &[f64],
@@ -26,7 +26,7 @@ pub fn excess_noise(
     let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
     let total = whirlstand_logs::stats::rms(&kept);
     let times = total / declared;
-    // Of coloured noise a part could be foretold: it is of another kind than the declared.
+    // Part of coloured noise is predictable: it is of another kind than the declared noise.
     let white = ar.variance.sqrt() > 0.8 * total;
     (declared > 0.0 && times > EXCESS_NOISE_RATIO && white).then(|| {
         let at = |factor: f64| ((total * factor).powi(2) - declared * declared).max(0.0).sqrt();

@@ -1,4 +1,4 @@
-//! Forces that switch with a state, and come late: what drives a limit cycle.
+//! Forces that switch with a state with hysteresis and dead time, as those of a limit cycle.
 
 use crate::model::forced_response::Forces;
 use crate::model::score_test::ScoreTest;
@@ -7,10 +7,10 @@ use crate::thresholds::{
     RELAY_DEAD_TIMES_S, RELAY_ROUNDS, RELAY_STEPS, RELAY_THRESHOLDS, RELAYS_REFINED, RELAYS_TOGETHER,
 };
 
-/// A switch, and what its force does.
+/// A hysteresis relay on a state, and the size of its force.
 #[derive(Debug, Clone)]
 pub struct Relay {
-    /// Index of the state that it follows.
+    /// Index of the state that switches the relay.
     pub follows: usize,
     /// Threshold, as a share of the state's largest magnitude.
     pub threshold: f64,
@@ -18,17 +18,17 @@ pub struct Relay {
     pub late_s: f64,
     /// Score in the score test: the reduction of the whitened sum of squares.
     pub score: f64,
-    /// Size of its force in that unit which `forces` have.
+    /// Size of its force, in the unit that `forces` have.
     pub size: f64,
 }
 
 impl Relay {
-    /// What its force does: "switches with pitch after a delay of 0.50 s".
+    /// Description of its force: "switches with pitch after a delay of 0.50 s".
     pub fn description(&self, states: &[Signal]) -> String {
         format!("switches with {} after a delay of {:.2} s", states[self.follows].name, self.late_s)
     }
 
-    /// What its force does to the samples (filled).
+    /// Response of the samples (filled) to its force.
     pub fn response(
         &self,
         score_test: &ScoreTest<'_>,
@@ -44,7 +44,7 @@ impl Relay {
     }
 }
 
-/// How many relays are tried for each state, without the refinement.
+/// Number of relays tried for each state, without the refinement.
 pub fn looks() -> usize {
     RELAY_THRESHOLDS.len() * RELAY_DEAD_TIMES_S.len()
 }
@@ -79,7 +79,7 @@ pub fn likeliest(
     best.into_iter().next()
 }
 
-/// Relays of the given states, thresholds and dead times; the likeliest come first.
+/// Scores of relays of the given states, thresholds and dead times, highest first.
 fn weighed(
     score_test: &ScoreTest<'_>,
     forces: &Forces<'_>,

@@ -1,8 +1,9 @@
-//! Whether what is left is noise: a test against everything smooth that the table does not name.
+//! Lack-of-fit test: whether the final residual is noise, against all smooth functions that the table does
+//! not name.
 //!
-//! Products and powers of inputs, states and outputs, as forces on the states and as errors of the sensors, are fitted
-//! to the whitened residual all at once. Nobody needs to know which it is: if together they explain more than chance
-//! would, the named causes are not the whole truth, and perhaps not the truth at all.
+//! Products and powers of inputs, states and outputs, as forces on the states and as errors of the sensors,
+//! are fitted to the whitened residual all at once. Which of them explains the residual does not matter: if
+//! together they explain more than chance would, the named causes are incomplete or wrong.
 
 use crate::thresholds::{
     GRAM_BLOCK_ROWS, LACK_CERTAIN_P_VALUE, LACK_ENERGY, LACK_P_VALUE, LACK_SIGMAS, PRODUCT_STATES,
@@ -22,18 +23,18 @@ use crate::model::forced_response::Forces;
 use crate::model::score_test::ScoreTest;
 use whirlstand_logs::stats::chi_square_tail;
 
-/// What is left, against chance.
+/// Part of the residual that functions explain, compared with chance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Excess {
-    /// Energy of what is left beyond chance, in the scale of detectability.
+    /// Energy explained beyond chance, in the scale of detectability.
     pub energy: f64,
-    /// By how many standard deviations that is more than chance.
+    /// Excess of that energy over chance, in standard deviations.
     pub sigmas: f64,
-    /// Probability that chance leaves as much.
+    /// Probability that chance explains as much.
     pub chance: f64,
 }
 
-/// What is left by all functions together, and by those of the one signal that explains most.
+/// Lack of fit explained by all functions together, and by those of the one signal that explains most.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LackOfFit {
     /// All functions.
@@ -43,7 +44,7 @@ pub struct LackOfFit {
 }
 
 impl LackOfFit {
-    /// True when what is left follows a signal, whatever the spectrum of turbulence.
+    /// True when the final residual follows a signal, whatever the spectrum of turbulence.
     pub fn is_certain(&self) -> bool {
         self.one.chance < LACK_CERTAIN_P_VALUE
     }
@@ -56,26 +57,26 @@ impl LackOfFit {
         self.one.chance < LACK_P_VALUE
     }
 
-    /// With functions of one signal that explain so much in BIC, when that is more.
+    /// The result with functions of one signal that gain `gain` in BIC, when that is more.
     pub fn or_one(self, gain: f64) -> Self {
         let all = Excess { energy: gain, sigmas: gain.sqrt(), chance: (-0.5 * gain).exp() };
         if all.energy > self.one.energy { Self { one: all, ..self } } else { self }
     }
 
-    /// Energy of what is left and no noise.
+    /// Energy of the final residual that is not noise.
     pub fn left(&self) -> f64 {
         let all = if self.all_tell() { self.all.energy } else { 0.0 };
         if self.one_tells() { all.max(self.one.energy) } else { all }
     }
 
-    /// True when what is left is no noise.
+    /// True when the final residual is significantly not noise.
     pub fn is_significant(&self) -> bool {
         self.all_tell() || self.one_tells()
     }
 }
 
-/// Tests the residual of a fit, but for the channels that are `known` to have errors of their own. `None` when nothing
-/// could be tried.
+/// Tests the residual of a fit, except for the channels that are `known` to have errors of their own. `None`
+/// when no function could be tested.
 pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usize]) -> Option<LackOfFit> {
     let data = model.free_run.data;
     let vehicle = model.vehicle(&fit.values).ok()?;
@@ -89,13 +90,14 @@ pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usi
         sensors: vehicle.states.len(),
         fit,
     };
-    // Of a long record the beginning is enough; all of it would take long.
+    // Of a long record the beginning suffices; testing all of it would take long.
     let rows = TESTED_SAMPLES / data.channels.len().max(1);
     let parts: Vec<Range<usize>> =
         data.ranges().into_iter().map(|r| r.start..r.end.min(r.start + rows)).collect();
     let tested: Vec<&Range<usize>> =
         parts.iter().enumerate().filter(|(c, _)| !known.contains(c)).map(|(_, part)| part).collect();
-    // The products of all columns are sums over the channels: as many channels at a time as may be held.
+    // The inner products are sums over the channels: as many channels are processed at a time as fit into
+    // memory.
     let longest = parts.iter().map(Range::len).max().unwrap_or(0);
     let together = TESTED_TOGETHER / (columns.count(forced.len()) * longest).max(1);
     let mut all = Products::default();
@@ -118,7 +120,7 @@ pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usi
     })
 }
 
-/// States that are moved by more than the integral of another, those first that an input drives.
+/// States whose derivative is not only another state (an integral), those driven by an input first.
 fn forced(vehicle: &Vehicle) -> Vec<usize> {
     let dynamic = |i: &usize| vehicle.kinematic_row(*i).is_none();
     let mut all: Vec<usize> = (0..vehicle.states.len()).filter(dynamic).collect();
@@ -128,7 +130,7 @@ fn forced(vehicle: &Vehicle) -> Vec<usize> {
     all
 }
 
-/// What a column is: the state that it forces and the group of functions that it is one of; errors of sensors come behind
+/// Origin of a column: the state that it forces and its group of functions; errors of sensors follow after
 /// the states, by channel.
 type Of = (usize, usize);
 
@@ -137,19 +139,19 @@ struct Columns<'a> {
     score_test: ScoreTest<'a>,
     forces: Forces<'a>,
     groups: Vec<Group<'a>>,
-    /// The number that stands for the sensors in place of a state.
+    /// Index that stands for the sensors in place of a state.
     sensors: usize,
     fit: &'a Fit,
 }
 
 impl Columns<'_> {
-    /// Their number, at most.
+    /// Largest number of columns.
     fn count(&self, forced: usize) -> usize {
         let functions: usize = self.groups.iter().map(|group| group.count).sum();
         functions * forced + self.score_test.data().channels.len() * SENSOR_ERRORS.len()
     }
 
-    /// Those samples of each column that lie in `parts`.
+    /// The samples of each column that lie in `parts`.
     fn over(&self, parts: &[&Range<usize>]) -> Vec<(Of, Vec<f64>)> {
         let counted = |samples: &[f64]| -> Vec<f64> {
             let white = self.score_test.signature(samples);
@@ -175,10 +177,10 @@ impl Columns<'_> {
     }
 }
 
-/// Errors of a sensor that follow what it measures.
+/// Errors of a sensor as functions of its measurement.
 const SENSOR_ERRORS: [fn(f64) -> f64; 4] = [|v| v, |v| v * v, |v| v * v.abs(), |v| v * v * v];
 
-/// Products of all columns with each other and with the residual.
+/// Inner products of all columns with each other and with the residual.
 #[derive(Default)]
 struct Products {
     gram: DMatrix<f64>,
@@ -187,7 +189,7 @@ struct Products {
 }
 
 impl Products {
-    /// Adds those over some parts of the samples.
+    /// Adds the inner products over some parts of the samples.
     fn add(&mut self, columns: &Columns<'_>, parts: &[&Range<usize>]) {
         let residual: Vec<f64> =
             parts.iter().flat_map(|part| &columns.score_test.residual()[(*part).clone()]).copied().collect();
@@ -202,8 +204,8 @@ impl Products {
         add_gram(&mut self.gram, &columns);
     }
 
-    /// The same of columns of unit length, without those that nuisances explain, or that are not finite; `None` when none is
-    /// left.
+    /// Inner products of columns normalised to unit length, without those that nuisances explain or that are
+    /// not finite; `None` when none is left.
     fn normalised(self) -> Option<(DMatrix<f64>, DVector<f64>, Vec<Of>)> {
         let norms: Vec<f64> = self.gram.diagonal().iter().map(|d| d.sqrt()).collect();
         let left: Vec<usize> =
@@ -219,9 +221,10 @@ impl Products {
     }
 }
 
-/// What columns explain, given by their products with each other and with the residual; none when those are not finite.
+/// Part of the residual that columns explain, from their products with each other and with the residual; none
+/// when those are not finite.
 fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Option<Excess> {
-    // Directions that repeat others carry rounding only.
+    // Directions that repeat others contain only rounding errors.
     let (values, vectors) = symmetric_eigen(gram).ok()?;
     let strongest = values.max();
     let (mut energy, mut degrees) = (0.0, 0.0);
@@ -238,10 +241,10 @@ fn explained(gram: DMatrix<f64>, right: &DVector<f64>) -> Option<Excess> {
     })
 }
 
-/// Functions of time that a force could follow, made from one signal in one way: they are tested together.
+/// Functions of time that a force could follow, derived from one signal in one way, and tested together.
 struct Group<'s> {
     count: usize,
-    /// Makes them when they are looked at.
+    /// Creates the functions on demand.
     make: Box<dyn Fn() -> Vec<Vec<f64>> + Sync + 's>,
 }
 

@@ -1,4 +1,5 @@
-//! What the causes leave: lack of fit, turbulence, narrow-band noise, forces outside the library.
+//! Analysis of the residual that the causes leave: lack of fit, turbulence, narrow-band noise, forces outside
+//! the library.
 
 pub mod basis;
 pub mod credibility;

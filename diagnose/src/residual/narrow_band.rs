@@ -1,8 +1,9 @@
-//! Vibrations whose frequency wanders: a line in a residual's spectrum that no tone of one frequency explains.
+//! Vibrations of varying frequency: a line in a residual's spectrum that no tone of constant frequency
+//! explains.
 //!
-//! A rotor does not hold its speed, and a sensor that it shakes shows a narrow line rather than a tone. Noise can have as
-//! narrow a line, behind a resonance; but its envelope comes and goes as Rayleigh's distribution says, whatever its order,
-//! while that of a rotor is steady (Rice 1944). What the vehicle itself does is slower.
+//! A rotor's speed varies, so that a sensor that it shakes shows a narrow line rather than a tone. Noise
+//! behind a resonance can have as narrow a line; but its envelope is Rayleigh distributed, whatever its
+//! order, while that of a rotor is steady (Rice 1944). The vehicle's own motion is slower.
 
 use crate::thresholds::{
     ABOVE_VEHICLE_RATIO, LINE_HEIGHT, LINE_REACH, LINE_RESIDUAL_SHARE, LINES_EXAMINED, SAME_LINE_SHARE,
@@ -18,33 +19,34 @@ use crate::model::fit::Model;
 use whirlstand_logs::spectrum::{Peak, peaks, welch};
 use whirlstand_logs::stats::{mean, median};
 
-/// A line of a channel.
+/// A narrow spectral line of a channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NarrowBand {
-    /// Channel.
+    /// Index of the channel.
     pub channel: usize,
-    /// Frequency, Hz, and half of its 95 % interval.
+    /// Centre frequency, Hz, and half of its 95 % interval.
     pub frequency_hz: (f64, f64),
     /// Amplitude of a sine of the line's power, SI, and half of its 95 % interval.
     pub amplitude: (f64, f64),
-    /// How far the frequency wanders: standard deviation, Hz.
+    /// Standard deviation of the frequency, Hz.
     pub wander_hz: f64,
-    /// Density of the floor about the line, SI squared per Hz.
+    /// Density of the noise floor around the line, SI squared per Hz.
     pub floor: f64,
-    /// Share of the residual's power.
+    /// Share of the line in the residual's power.
     pub share: f64,
     /// Twice the gain in Whittle's log-likelihood over a spectrum without the line.
     pub gain: f64,
-    /// The envelope is steadier than that of any noise.
+    /// True when the envelope is steadier than that of any noise.
     pub steady: bool,
 }
 
-/// The strongest such line of every channel whose vibration the vehicle does not declare. One rotor shakes all sensors: where
-/// the envelope of its line is steady in one of them, the lines of the others are its too.
+/// The strongest narrow line of every channel whose vibration the vehicle does not declare. One rotor shakes
+/// all sensors: where the envelope of its line is steady in one of them, the lines of the others are
+/// attributed to it too.
 pub fn narrow_band(model: &Model<'_, '_>, residual: &[f64]) -> Vec<NarrowBand> {
     let data = model.free_run.data;
     let vehicle = &model.free_run.vehicle;
-    // Where the poles cannot be computed, their bound says from where on a line is none of theirs.
+    // Where the poles cannot be computed, a bound on their magnitude is used.
     let fastest = spectral_radius(&vehicle.a).unwrap_or_else(|_| vehicle.a.norm()) / std::f64::consts::TAU;
     let channels = data.channels.iter().zip(data.ranges()).enumerate();
     let lines: Vec<NarrowBand> = channels
@@ -71,7 +73,7 @@ fn lines(residual: &[f64], period_s: f64, lowest_hz: f64) -> Vec<NarrowBand> {
     let spectrum = welch(residual, period_s);
     let Some(&df) = spectrum.frequency_hz.get(1) else { return Vec::new() };
     let total: f64 = spectrum.density.iter().sum::<f64>() * df;
-    // The window alone makes a tone four bins wide.
+    // The window alone spreads a tone over four bins.
     if 4.0 * df > 2.0 * LINE_REACH / period_s {
         return Vec::new();
     }
@@ -90,7 +92,7 @@ fn lines(residual: &[f64], period_s: f64, lowest_hz: f64) -> Vec<NarrowBand> {
         }
         let floor = median(&surroundings);
         let above = |d: f64| (d - floor).max(0.0);
-        // A line that wanders is lopsided: its middle is not where it is highest.
+        // The line of a varying frequency is asymmetric: its centre is not at its peak.
         let f = {
             let near = around(peak.frequency_hz, 0.0, 2.0 * LINE_REACH);
             let weight: f64 = near.iter().map(|(_, d)| above(*d)).sum();
@@ -103,7 +105,7 @@ fn lines(residual: &[f64], period_s: f64, lowest_hz: f64) -> Vec<NarrowBand> {
         if height < LINE_HEIGHT * floor || share < LINE_RESIDUAL_SHARE {
             return None;
         }
-        // Averages that do not depend on each other: those of the whole record, bin by bin.
+        // Number of independent averages: bins of the whole record's spectrum.
         let averages = residual.len() as f64 * period_s * df;
         let gain = line.iter().map(|(_, d)| 2.0 * averages * (d / floor - 1.0 - (d / floor).ln()).max(0.0));
         let spread = line.iter().map(|(g, d)| (g - f).powi(2) * above(*d)).sum::<f64>() * df / power;
@@ -124,10 +126,10 @@ fn lines(residual: &[f64], period_s: f64, lowest_hz: f64) -> Vec<NarrowBand> {
     peaks(&spectrum, LINES_EXAMINED).into_iter().filter_map(line).collect()
 }
 
-/// Whether the envelope about a frequency (cycles a sample) is steadier than noise's. The power of Gaussian noise in a
-/// narrow band is exponentially distributed: the mean of its square is twice the square of its mean (Rice 1944), that of
-/// a sine is the square itself. Powers one over the bandwidth apart are independent, and the ratio of so many scatters
-/// about 2 with a variance of 4 over their number.
+/// True when the envelope at a frequency (cycles per sample) is steadier than that of noise. The power of
+/// Gaussian noise in a narrow band is exponentially distributed: the mean of its square is twice the square
+/// of its mean (Rice 1944), while for a sine they are equal. Powers that are one over the bandwidth apart are
+/// independent, and the ratio of N of them scatters about 2 with a variance of 4 / N.
 fn is_steady(residual: &[f64], frequency: f64) -> bool {
     let n = residual.len();
     let mut buffer: Vec<Complex<f64>> = residual.iter().map(|v| Complex::new(*v, 0.0)).collect();
@@ -146,7 +148,7 @@ fn is_steady(residual: &[f64], frequency: f64) -> bool {
     second < (2.0 - STEADY_SIGMAS * (4.0 / independent).sqrt()) * first * first
 }
 
-/// The vehicle's output with it: a declared vibration, as its phase is no record's.
+/// Declares the line as a vibration of the vehicle's output, since its phase cannot be reproduced.
 pub fn declare(vehicle: &mut Vehicle, data: &Data, found: &NarrowBand) {
     let amplitude = found.amplitude.0;
     vehicle.outputs[data.channels[found.channel].output].vibration = Some(Vibration {
@@ -159,7 +161,7 @@ pub fn declare(vehicle: &mut Vehicle, data: &Data, found: &NarrowBand) {
     });
 }
 
-/// True for lines of one narrow-band noise.
+/// True for two lines of one narrow-band noise.
 pub fn same(a: &NarrowBand, b: &NarrowBand) -> bool {
     (a.frequency_hz.0 - b.frequency_hz.0).abs() < SAME_LINE_SHARE * a.frequency_hz.0
 }

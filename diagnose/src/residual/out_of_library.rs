@@ -1,9 +1,9 @@
-//! Whether what looks like turbulence, or like several causes together, follows a signal: a force that is a function of
-//! inputs and states, of a shape that the table does not name.
+//! Forces outside the library: tests whether apparent turbulence, or several causes together, is a force that
+//! is a function of inputs and states of a shape that the table does not name.
 //!
-//! Turbulence explains any slow force, as it has one value a step, and several causes together explain much that is none
-//! of them. A force that follows a signal needs a few numbers only: where these few explain as much, in BIC, the causes
-//! are not believed.
+//! Turbulence explains any slow force, as it has one value per step, and several causes together can imitate
+//! a force that is none of them. A force that follows a signal has few parameters: where these explain as
+//! much in BIC, the causes are not credible.
 
 use crate::thresholds::{BASES_REFITTED, BASES_SORTED, FORCE_P_VALUE, RELAY_PARAMETERS};
 use nalgebra::{DMatrix, DVector};
@@ -22,18 +22,18 @@ use crate::search::alternative::SearchSpace;
 use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_logs::stats::chi_square_tail;
 
-/// A force that follows a signal.
+/// A force that is a function of a signal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceOnSignal {
-    /// What it explains, as a gain in BIC.
+    /// Gain in BIC.
     pub gain: f64,
-    /// "a force on roll_rate that follows roll times roll_rate".
+    /// Text such as "a force on roll_rate that follows roll times roll_rate".
     pub description: String,
 }
 
-/// The likeliest force on a state, over a fit under noise models of single channels.
+/// The most likely force on a state, relative to a fit under noise models of single channels.
 ///
-/// `None` when nothing could be tried.
+/// `None` when no basis could be tested.
 pub fn on_state(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -46,11 +46,12 @@ pub fn on_state(
     Comparison::new(model, fit, &vehicle, space).best(Entry::State(state), &signals.all())
 }
 
-/// A force on the state that turbulence moves, where it follows a state so closely that no turbulence does: it switches
-/// with one, or is a periodic function of one. Its gain is the score, as far as it exceeds that of turbulence alone.
+/// A force on the state that turbulence drives, where it follows a state so closely that no turbulence does:
+/// it switches with a state, or is a periodic function of one. Its gain is the score in excess of that of
+/// turbulence alone.
 ///
-/// The states are what the turbulence's filter foretells from the samples before, so that whatever a force makes of them
-/// cannot know the innovations that come after: under turbulence alone the score is chi-square.
+/// The states are those that the turbulence's filter predicts from earlier samples, so that a function of
+/// them is independent of later innovations: under turbulence alone the score is chi-square.
 pub fn beyond_turbulence(
     (model, fit): (&Model<'_, '_>, &Fit),
     state: usize,
@@ -77,7 +78,7 @@ pub fn beyond_turbulence(
         (index, response)
     });
     responses.sort_by_key(|(index, _)| *index);
-    // Two functions are one wave.
+    // Two functions (sine and cosine) form one sinusoid.
     let pairs = responses.chunk_by(|(a, _), (b, _)| a / 2 == b / 2).filter(|pair| pair.len() == 2);
     let waves = pairs.filter_map(|pair| {
         let columns: Vec<Vec<f64>> = pair.iter().map(|(_, response)| response.clone()).collect();
@@ -95,7 +96,7 @@ pub fn beyond_turbulence(
         .then(|| ForceOnSignal { gain: score, description: on(&vehicle, Entry::State(state), &description) })
 }
 
-/// "a force on roll_rate that follows pitch".
+/// Text such as "a force on roll_rate that follows pitch".
 fn on(vehicle: &Vehicle, entry: Entry, description: &str) -> String {
     match entry {
         Entry::State(i) => format!("a force on {} that {description}", vehicle.states[i].name),
@@ -103,8 +104,8 @@ fn on(vehicle: &Vehicle, entry: Entry, description: &str) -> String {
     }
 }
 
-/// The likeliest force on any state or into any input, over the fit of a model with no cause. The signals are those of a
-/// model `with` causes, which is nearer to the truth.
+/// The most likely force on any state or into any input, relative to the fit of a model with no cause. The
+/// signals are those of a model `with` causes, which is closer to the truth.
 pub fn rival(
     (model, fit): (&Model<'_, '_>, &Fit),
     (with, its): (&Model<'_, '_>, &Fit),
@@ -127,22 +128,22 @@ pub fn rival(
     forces.chain(inputs).max_by(|a, b| a.gain.total_cmp(&b.gain))
 }
 
-/// A fit that bases of forces are weighed against.
+/// A fit against which bases of forces are tested.
 struct Comparison<'a, 'd> {
     model: &'a Model<'a, 'd>,
     fit: &'a Fit,
     vehicle: &'a Vehicle,
     plain: Profile,
-    /// The quickest comes last.
+    /// Score tests; the fastest one comes last.
     score_tests: Vec<ScoreTest<'d>>,
     slopes: &'a [f64],
 }
 
-/// A basis in a score test: what it explains there, and by how much of each function.
+/// A basis in a score test: its score, and the coefficients of its functions.
 struct Contribution {
     energy: f64,
     by: DVector<f64>,
-    /// Which of the bases.
+    /// Index of the basis.
     basis: usize,
     description: String,
 }
@@ -163,10 +164,10 @@ impl<'a, 'd> Comparison<'a, 'd> {
         Self { model, fit, vehicle, plain, score_tests, slopes: &space.sizes.slopes }
     }
 
-    /// The likeliest basis.
+    /// The most likely basis.
     fn best(&self, entry: Entry, bases: &[Recipe<'_>]) -> Option<ForceOnSignal> {
         let data = self.model.free_run.data;
-        // A force into an input pushes all states that the input does.
+        // A force into an input acts on all states that the input drives.
         let pushed: Vec<(usize, f64)> = match entry {
             Entry::State(i) => vec![(i, 1.0)],
             Entry::Input(j) => {
@@ -177,7 +178,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
         let states: Vec<(usize, f64)> = pushed.iter().map(|(i, _)| (*i, self.slopes[*i])).collect();
         let forces = Forces::new(self.model, self.fit, self.vehicle, &states);
         let columns = |basis: usize| self.columns(&forces, &pushed, bases[basis]());
-        // The quickest score test sorts out, the others look at what is left.
+        // The fastest score test preselects; the others test only the remaining bases.
         let [rest @ .., quick] = self.score_tests.as_slice() else { return None };
         let mut sorted = weights(quick, 0..bases.len(), &columns);
         self.keep(&mut sorted, BASES_SORTED);
@@ -205,7 +206,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
         })
     }
 
-    /// The likeliest force that switches with a state.
+    /// The most likely force that switches with a state.
     fn relay(&self, state: usize, states: &[Signal]) -> Option<ForceOnSignal> {
         let data = self.model.free_run.data;
         let pushed = [(state, self.slopes[state])];
@@ -223,14 +224,15 @@ impl<'a, 'd> Comparison<'a, 'd> {
         Some(ForceOnSignal { gain: self.plain.bic(0) - bic - looks, description })
     }
 
-    /// Keeps those that explain most; each number costs.
+    /// Keeps the contributions with the largest gain, each parameter penalised.
     fn keep(&self, weights: &mut Vec<Contribution>, most: usize) {
         let worth = |w: &Contribution| w.energy - w.by.len() as f64 * (self.plain.rows as f64).ln();
         weights.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
         weights.truncate(most);
     }
 
-    /// The description of a basis, and what its functions do to the samples; `None` where one could not be simulated.
+    /// Description of a basis, and the responses of the samples to its functions; `None` where one could not
+    /// be simulated.
     fn columns(
         &self,
         forces: &Forces<'_>,
@@ -262,8 +264,8 @@ impl<'a, 'd> Comparison<'a, 'd> {
     }
 }
 
-/// What bases explain in a score test, by the `columns` of each. These are made for one after the other: those of all bases
-/// together would fill the memory.
+/// Scores of bases in a score test, from the `columns` of each. Columns are created one basis after the
+/// other: those of all bases together would fill the memory.
 fn weights(
     score_test: &ScoreTest<'_>,
     bases: impl Iterator<Item = usize>,
@@ -277,7 +279,7 @@ fn weights(
     bases.collect::<Vec<_>>().into_par_iter().filter_map(weight).collect()
 }
 
-/// What columns explain of a score test's residual together, and by how much of each.
+/// Score of several columns together in a score test, and their coefficients.
 fn explained(score_test: &ScoreTest<'_>, columns: &[Vec<f64>]) -> Option<(f64, DVector<f64>)> {
     let white: Vec<Vec<f64>> = columns.iter().map(|c| score_test.project(c)).collect();
     let norms: Vec<f64> = white.iter().map(|w| dot(w, w).sqrt()).collect();

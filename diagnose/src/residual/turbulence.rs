@@ -1,4 +1,4 @@
-//! What is random in a residual: noise beyond what is declared, and turbulence that the motion has shaped.
+//! Turbulence in a residual: random forces shaped by the vehicle's motion, beside sensor noise.
 
 use crate::thresholds::{
     BANDWIDTH_STARTS, CLIMB_PROMISE, COMPLETE_ROWS_SHARE, FAR_ABOVE_NOISE, MAX_TURBULENCE_ERRORS,
@@ -23,22 +23,23 @@ use crate::model::whittle::{C, Shaped, ar_density, cross, responses, whittle};
 pub struct Turbulence {
     /// Index of the state.
     pub state: usize,
-    /// Standard deviation of the derivative that it adds, SI, and its relative standard error.
+    /// Standard deviation of the force that it adds to the state's derivative, SI, and its relative standard
+    /// error.
     pub std: (f64, f64),
     /// Bandwidth, Hz, and its relative standard error.
     pub bandwidth_hz: (f64, f64),
-    /// Relative standard error of that combination of size and bandwidth which the record shows best.
+    /// Relative standard error of the best-determined combination of size and bandwidth.
     pub together: f64,
-    /// Gain in BIC over coloured noise of every channel for itself.
+    /// Gain in BIC over independent coloured noise of every channel.
     pub delta_bic: f64,
-    /// Gains of the same on other states: state and gain.
+    /// Gains in BIC of turbulence on other states: index of the state and gain.
     pub others: Vec<(usize, f64)>,
-    /// It and the noise of all channels, where the exact likelihood could be had.
+    /// Parameters of turbulence and channel noise, where the exact likelihood was computed.
     noises: Option<Noises>,
 }
 
 impl Turbulence {
-    /// True when the record determines it.
+    /// True when the record determines the turbulence.
     pub fn is_known(&self, data: &Data) -> bool {
         let (bandwidth, error) = self.bandwidth_hz;
         let periods = bandwidth * data.duration_s();
@@ -51,18 +52,21 @@ impl Turbulence {
         self.delta_bic > MIN_TURBULENCE_BIC && (both || together) && bandwidth * data.period_s < 0.5
     }
 
-    /// A noise model with it, for all channels together; `None` where only Whittle's likelihood could be had.
+    /// Noise model of turbulence and channel noise together; `None` where only Whittle's likelihood was
+    /// computed.
     pub fn noise(&self, data: &Data, vehicle: &Vehicle, residual: &[f64]) -> Option<Noise> {
         let whitener = Whitener::new(data, vehicle, self.state, self.noises.as_ref()?)?;
         Some(Noise::fit(data, residual).noise.with_common(whitener))
     }
 }
 
-/// Looks for turbulence on any state in a residual under noise of single channels; the likeliest, however small.
+/// Searches for turbulence on any state in a residual under noise of single channels; returns the most likely
+/// one, however small.
 ///
-/// `None` when the record is too short, or the vehicle has no such motion.
+/// `None` when the record is too short, or the vehicle has no state that turbulence could drive.
 pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Option<Turbulence> {
-    // Where one channel has no value, what fills it is as smooth as nothing measured is: such rows count nowhere.
+    // Values interpolated where one channel has no sample are smoother than measured ones: such rows do not
+    // count.
     let data = &complete_rows(model.free_run.data)?;
     let profile = &Noise::fit(data, residual);
     let noise = &profile.noise.channels;
@@ -89,8 +93,8 @@ pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Op
     refined(data, &vehicle, residual, profile, fits)
 }
 
-/// The record with only those samples counted whose row is complete; `None` when too few are. Channels that are not as
-/// fast as the record are left as they are.
+/// The record with only those rows counted that are complete; `None` when too few are. Channels sampled more
+/// slowly than the record are left unchanged.
 fn complete_rows(data: &Data) -> Option<Data> {
     let mut whole = data.clone();
     let every = |c: &crate::data::record::Channel| c.stride == 1 && c.first == 0;
@@ -108,7 +112,7 @@ fn complete_rows(data: &Data) -> Option<Data> {
     Some(whole)
 }
 
-/// The exact likelihood of the most likely states.
+/// Refines the most likely states by the exact likelihood.
 fn refined(
     data: &Data,
     vehicle: &Vehicle,
@@ -118,7 +122,7 @@ fn refined(
 ) -> Option<Turbulence> {
     fits.sort_by(|a, b| b.2.total_cmp(&a.2));
     if data.channels.iter().any(|c| c.stride != 1 || c.first != 0) || data.starts.len() > 1 {
-        // Slow sensors and several records: Whittle's is what there is.
+        // With slow sensors or several records, only Whittle's likelihood is available.
         let others = fits.iter().skip(1).map(|f| (f.0, f.2)).collect();
         let (state, best, delta_bic) = fits.first()?;
         return Some(Turbulence {
@@ -131,7 +135,8 @@ fn refined(
             noises: None,
         });
     }
-    // Whittle's likelihood may be trusted to say that there is none, but not where the motion stands far above the noise.
+    // Whittle's likelihood can be trusted that there is no turbulence, except where the motion is far above
+    // the noise.
     let far = data.channels.iter().enumerate().any(|(c, channel)| {
         let declared = vehicle.outputs[channel.output].noise;
         let floor = if declared > 0.0 { declared } else { profile.noise.channels[c].variance.sqrt() };
@@ -176,7 +181,7 @@ fn refined(
     })
 }
 
-/// True when turbulence of some size beside the given noise is likelier than none.
+/// True when turbulence of some size beside the given noise is more likely than none.
 fn promises(data: &Data, vehicle: &Vehicle, state: usize, residual: &[f64], noises: &Noises) -> bool {
     let at = |share: f64| {
         let mut sized = noises.clone();
@@ -187,9 +192,10 @@ fn promises(data: &Data, vehicle: &Vehicle, state: usize, residual: &[f64], nois
     sizes.into_iter().fold(f64::NEG_INFINITY, f64::max) > none + CLIMB_PROMISE
 }
 
-/// Noises from which the exact likelihood is climbed. Far above the noise Whittle's likelihood is none, and no start
-/// either; of the best state it is not trusted alone: then the noise is what the vehicle declares, white, of first order or
-/// resonant, and the likeliest are followed, each from the likeliest size and bandwidth.
+/// Start values of the noises for the exact likelihood. Where the motion is far above the noise, Whittle's
+/// likelihood is invalid and no start; for the best state it is not trusted alone: starts are then the
+/// declared noise, white, of first order or resonant, and the most likely ones are followed, each with its
+/// most likely size and bandwidth.
 fn starts(
     (data, residual): (&Data, &[f64]),
     (vehicle, state): (&Vehicle, usize),
@@ -201,7 +207,8 @@ fn starts(
     let values = if trusted { &shaped.values } else { &shaped.first };
     let common = [values[0], values[1].max(-4.6)];
     let noises = |own: &dyn Fn(usize) -> f64, partial: Vec<[f64; 2]>| {
-        // What one channel's own past foretells is no less than all channels' together: the noise is at most that.
+        // The joint innovations of all channels are no larger than those of a single channel's own model: an
+        // upper bound of the noise.
         let most = |c: usize| 0.5 * profile.noise.channels[c].variance.ln();
         Noises { common, own: (0..p).map(|c| own(c).min(most(c))).collect(), partial }
     };
@@ -234,8 +241,8 @@ fn starts(
     starts.into_iter().map(|(_, noises)| likeliest((data, residual), (vehicle, state), &noises)).collect()
 }
 
-/// The likeliest of bandwidths and sizes beside the same noise of the channels; what it was when none is likelier. What
-/// it adds up to is kept where the bandwidth is another.
+/// The most likely bandwidth and size beside the given noise of the channels; unchanged when none is more
+/// likely. The density at high frequencies is kept where the bandwidth changes.
 fn likeliest((data, residual): (&Data, &[f64]), (vehicle, state): (&Vehicle, usize), own: &Noises) -> Noises {
     let [size, bandwidth] = own.common;
     let (lowest, highest) = bandwidths_hz(data);

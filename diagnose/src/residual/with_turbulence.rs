@@ -1,8 +1,8 @@
-//! Causes beside turbulence: which of the two explains what.
+//! Causes beside turbulence: separates what each of the two explains.
 //!
-//! Turbulence shakes all channels that follow its state, so that noise models of single channels find each shake several
-//! times, and events in it. Where a residual looks turbulent, the causes are therefore chosen once more under a noise model
-//! of all channels together, and the turbulence is sized anew beside them.
+//! Turbulence moves all channels that depend on its state, so that noise models of single channels count each
+//! gust several times, and find events in it. Where a residual looks turbulent, the causes are therefore
+//! selected again under a joint noise model of all channels, and the turbulence is re-estimated beside them.
 
 use crate::thresholds::{
     CIRCULAR_SHIFTS, FORCE_SHARE_OF_TURBULENCE, MIN_TURBULENCE_BIC, RELATED_SIGMAS, SETTLED_SIZE_RATIO,
@@ -21,8 +21,9 @@ use crate::search::select::select;
 use crate::search::selection::Selection;
 use whirlstand_logs::stats::{mean, rms};
 
-/// Causes with turbulence beside them, where that explains more than `selection` alone, which else stands. And a force that follows a signal,
-/// where that is likelier than turbulence, with what it gains over the causes.
+/// The causes with turbulence beside them, where that is more likely than `selection` alone; else
+/// `selection`. Also a force that follows a signal, where it is more likely than turbulence, with its gain
+/// over the causes.
 pub(crate) fn with_turbulence<'r, 'd>(
     selection: &Selection<'r, 'd>,
     model: &Model<'r, 'd>,
@@ -33,7 +34,7 @@ pub(crate) fn with_turbulence<'r, 'd>(
         turbulence(&s.model, &s.fit.values, &s.fit.residual).filter(|t| t.delta_bic > MIN_TURBULENCE_BIC)
     };
     let alone = plain_bic(selection, data);
-    // Gusts that were taken for single events hide what is left of the turbulence.
+    // Gusts that were taken for single events hide part of the turbulence.
     let calm = without_gusts(selection, None);
     let first = look(selection).or_else(|| calm.as_ref().and_then(look));
     let Some(mut found) = first else { return (None, None, None) };
@@ -56,7 +57,7 @@ pub(crate) fn with_turbulence<'r, 'd>(
         }
     }
     let Some(mut chosen) = chosen else {
-        // Only an approximate likelihood could be had: the causes are those without it.
+        // Where only an approximate likelihood is available, the causes are those found without turbulence.
         let known = found.is_known(data);
         return (None, known.then_some(found), None);
     };
@@ -91,8 +92,8 @@ pub(crate) fn with_turbulence<'r, 'd>(
     (Some(chosen), Some(found), None)
 }
 
-/// The same causes without disturbances, on one state or on all, fitted anew; `None` when there are none. A gust is part
-/// of the turbulence of its state.
+/// The same causes without disturbances, on one state or on all, refitted; `None` when there are none. A gust
+/// is part of the turbulence of its state.
 fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) -> Option<Selection<'r, 'd>> {
     let place = state.map(|s| selection.model.free_run.vehicle.states[s].name.as_str());
     let gust = |c: &Candidate| {
@@ -106,8 +107,8 @@ fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) ->
     Some(calm)
 }
 
-/// The turbulence was the trace of causes that were found only when it was taken for noise: these, where they are likelier than
-/// `selection`.
+/// The causes found beside the turbulence, refitted without it, where they are more likely than `selection`:
+/// the turbulence was then only their trace.
 fn single<'r, 'd>(
     selection: &Selection<'r, 'd>,
     chosen: Option<Selection<'r, 'd>>,
@@ -126,7 +127,8 @@ fn plain_bic(selection: &Selection<'_, '_>, data: &Data) -> f64 {
     Noise::fit(data, &selection.fit.residual).bic(selection.model.parameters())
 }
 
-/// True when the turbulence is larger where a command or an output is larger: then it is something that the vehicle does.
+/// True when the turbulence is larger where a command or an output is larger: it is then caused by the
+/// vehicle.
 fn related(data: &Data, noise: &Noise, selection: &Selection<'_, '_>) -> bool {
     let Some(common) = &noise.common else { return false };
     let states = selection.model.free_run.states();
@@ -138,7 +140,7 @@ fn related(data: &Data, noise: &Noise, selection: &Selection<'_, '_>) -> bool {
     features.iter().any(|f| correlation_in_sigmas(&gust, f) > RELATED_SIGMAS)
 }
 
-/// Correlation of two sequences over what it is when one is shifted in time, in a circle.
+/// Correlation of two sequences in standard deviations of its values under circular time shifts.
 fn correlation_in_sigmas(a: &[f64], b: &[f64]) -> f64 {
     let n = a.len().min(b.len());
     if n < 2 * CIRCULAR_SHIFTS {

@@ -1,7 +1,8 @@
-//! How large the columns of a record are beside what the vehicle makes of them: factors with intervals.
+//! Scale of a record's columns relative to the vehicle: estimated factors with intervals.
 //!
-//! The innovations of a filter are linear in the factors of the columns, and their likelihood has the derivative of the
-//! innovations by the measured values beside it (Ljung 1999, 7.4): without that, a factor of nothing would explain all.
+//! The innovations of a filter are linear in the factors of the columns, and their likelihood contains the
+//! derivative of the innovations by the measured values (Ljung 1999, 7.4): without it, a factor of zero would
+//! be the best.
 
 use nalgebra::DMatrix;
 use whirlstand_ident::identify::ar::Ar;
@@ -12,10 +13,10 @@ use crate::model::columns::dot;
 use crate::model::noise::filtered;
 use crate::thresholds::{DECLARED_NOISE_LOG_STD, FACTOR_SIGMAS, GREATEST_FACTOR, SCREENED_AR_ORDER};
 
-/// Share of a sum of squares that rounding leaves of its difference from another.
+/// Relative rounding error of a difference of two sums of squares.
 const ROUNDING: f64 = 1e-13;
 
-/// The columns of every channel about their means, and what the vehicle declares of its noise.
+/// The columns of every channel without their means, and the noise that the vehicle declares.
 #[derive(Debug, Clone)]
 pub(super) struct Columns {
     channels: Vec<Vec<Vec<f64>>>,
@@ -23,7 +24,7 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    /// `declared` are the channels' standard deviations, 0 where the vehicle says nothing.
+    /// `declared` are the channels' standard deviations, 0 where the vehicle declares none.
     pub fn new(responses: &Responses, declared: Vec<f64>) -> Self {
         let level = |columns: &Vec<Vec<f64>>| columns.iter().map(|c| about_mean(c)).collect();
         Self { channels: responses.channels.iter().map(level).collect(), declared }
@@ -34,7 +35,7 @@ impl Columns {
         self.channels.first().map_or(0, Vec::len)
     }
 
-    /// What is left of a channel when its columns are weighed by `weights`, and the noise model of that.
+    /// Weighted sum of a channel's columns, and its noise model.
     fn residual(columns: &[Vec<f64>], weights: &[f64]) -> (Vec<f64>, Ar) {
         let mut residual = vec![0.0; columns.first().map_or(0, Vec::len)];
         for (column, weight) in columns.iter().zip(weights) {
@@ -44,8 +45,8 @@ impl Columns {
         (residual, ar)
     }
 
-    /// Logarithm of the likelihood of some weights, each with a noise model of its own: without constants, and what speaks for
-    /// them by the size of that noise, whose logarithm has a normal prior about the declared.
+    /// Log-likelihood of weights, without constants, each with a noise model of its own; and the log-prior of
+    /// the noise's size, whose logarithm is normally distributed about the declared value.
     pub fn likelihood(&self, weights: &[f64]) -> (f64, f64) {
         let (mut all, mut prior) = (0.0, 0.0);
         for (i, (columns, declared)) in self.channels.iter().zip(&self.declared).enumerate() {
@@ -62,15 +63,15 @@ impl Columns {
     }
 }
 
-/// One channel's columns as products with each other.
+/// Inner products of one channel's columns.
 #[derive(Debug, Clone)]
 struct Products {
     products: DMatrix<f64>,
-    /// Rows that count.
+    /// Number of rows that count.
     rows: f64,
 }
 
-/// Likelihood of the factors under a noise model that is given.
+/// Likelihood of the factors under a given noise model.
 #[derive(Debug, Clone)]
 struct FactorLikelihood {
     channels: Vec<Products>,
@@ -81,14 +82,15 @@ struct FactorLikelihood {
 pub(super) struct Factor {
     /// Logarithm of the estimate.
     pub log: f64,
-    /// Half of the interval of the logarithm.
+    /// Half width of the interval of the logarithm.
     pub half: f64,
 }
 
-/// The likeliest common factor of the `members` beside the `weights`; `None` where no factor is likelier than all.
+/// The most likely common factor of the `members` beside the `weights`; `None` where the likelihood has no
+/// maximum.
 ///
-/// Its interval has what chance does, and what a misfit of the vehicle does: estimates with the noise made white and as it is
-/// weigh frequencies differently, and agree where the vehicle is right (Hausman 1978).
+/// Its interval covers both chance and a misfit of the vehicle: estimates with whitened and with unwhitened
+/// noise weigh frequencies differently, and agree where the vehicle is correct (Hausman 1978).
 pub(super) fn factor(columns: &Columns, weights: &[f64], members: &[usize]) -> Option<Factor> {
     let white = FactorLikelihood::new(columns, weights, true).factor(weights, members)?;
     let raw = FactorLikelihood::new(columns, weights, false).factor(weights, members)?;
@@ -96,7 +98,7 @@ pub(super) fn factor(columns: &Columns, weights: &[f64], members: &[usize]) -> O
 }
 
 impl FactorLikelihood {
-    /// Under the noise that is left when the columns are weighed by `weights`, made white or as it is.
+    /// Likelihood under the noise model of the weighted columns, whitened or as it is.
     fn new(columns: &Columns, weights: &[f64], white: bool) -> Self {
         let one = |columns: &Vec<Vec<f64>>| {
             let rows = columns.first().map_or(0, Vec::len) as f64;
@@ -119,7 +121,7 @@ impl FactorLikelihood {
         self.channels.iter().enumerate().map(one).sum()
     }
 
-    /// The likeliest factor, and its standard error as half of its interval.
+    /// The most likely factor, with its standard error as the half width of its interval.
     fn factor(&self, weights: &[f64], members: &[usize]) -> Option<Factor> {
         let at = |log: f64| self.at(&scaled(weights, members, log.exp()));
         let reach = GREATEST_FACTOR.ln();
@@ -137,7 +139,7 @@ impl FactorLikelihood {
     }
 }
 
-/// Weights with the `members` times a factor.
+/// Weights with those of the `members` multiplied by a factor.
 pub(super) fn scaled(weights: &[f64], members: &[usize], factor: f64) -> Vec<f64> {
     let mut weights = weights.to_vec();
     members.iter().for_each(|s| weights[*s] *= factor);
@@ -149,7 +151,7 @@ fn about_mean(column: &[f64]) -> Vec<f64> {
     column.iter().map(|v| v - middle).collect()
 }
 
-/// Products of all columns with each other over the rows that have a past in a noise model.
+/// Inner products of all columns over the rows that have a past in a noise model.
 fn products(columns: &[Vec<f64>]) -> DMatrix<f64> {
     let n = columns.len();
     let late = |c: &[f64]| c.get(SCREENED_AR_ORDER..).unwrap_or_default().to_vec();
@@ -164,7 +166,7 @@ fn products(columns: &[Vec<f64>]) -> DMatrix<f64> {
     products
 }
 
-/// Sum of squares of the weighed columns; no less than rounding leaves.
+/// Sum of squares of the weighted columns, at least the rounding error.
 fn energy(products: &DMatrix<f64>, weights: &[f64]) -> f64 {
     let (mut sum, mut size) = (0.0, 0.0f64);
     for (a, wa) in weights.iter().enumerate() {
@@ -176,7 +178,7 @@ fn energy(products: &DMatrix<f64>, weights: &[f64]) -> f64 {
     sum.max(ROUNDING * size)
 }
 
-/// Where a function with one peak is highest between two points: golden section (Kiefer 1953).
+/// Maximum of a unimodal function between two points, by golden section (Kiefer 1953).
 fn highest(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     let share = 0.5 * (5f64.sqrt() - 1.0);
     for _ in 0..40 {

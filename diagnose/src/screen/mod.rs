@@ -1,4 +1,4 @@
-//! What a record shows before any cause is looked for: columns in a wrong unit, and a vehicle that it does not resemble.
+//! Screening of a record before the search: columns in a wrong unit, and records of another vehicle.
 
 mod gain;
 mod predictions;
@@ -17,7 +17,7 @@ use crate::data::record::{Data, coarser_period_for};
 use crate::screen::responses::without_limits;
 use crate::thresholds::{MAX_COMPARED_STEPS, MAX_SCREENED_STEPS};
 
-/// Columns of the records that are in a wrong unit, or of a size that no fault has; takes about a second.
+/// Columns of the records in a wrong unit, or of a size that no fault explains; takes about a second.
 ///
 /// # Errors
 /// As [`Data::join`].
@@ -29,7 +29,8 @@ pub fn wrong_units(
     Ok(units::units(vehicle, &screened(records, vehicle, period_s, MAX_SCREENED_STEPS)?))
 }
 
-/// That the records are not of the vehicle, in none of the built-in flight modes nor of `modes`; takes about a second.
+/// Finding that the records are not of the vehicle, neither in a built-in flight mode nor in one of `modes`;
+/// takes about a second.
 ///
 /// # Errors
 /// As [`Data::join`].
@@ -49,7 +50,7 @@ pub fn stranger(
     Ok(resemblance::stranger(&open, &modes.collect::<Vec<_>>(), &data))
 }
 
-/// The records with commands as they were recorded, whatever the limits, and so many steps at most.
+/// The records with commands as recorded, whatever the limits, with at most the given number of steps.
 fn screened(
     records: &[Record],
     vehicle: &Vehicle,

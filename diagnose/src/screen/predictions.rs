@@ -1,4 +1,4 @@
-//! Predictions of a record over a horizon, and what of them is due to the commands.
+//! Predictions of a record over a horizon, and the part of them that is due to the commands.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use whirlstand_logs::stats::mean;
@@ -10,34 +10,36 @@ use crate::model::commands::Commands;
 use crate::model::free_run::FreeRun;
 use crate::thresholds::{LEAST_COMPARED_BLOCKS, MAX_P_VALUE};
 
-/// How far ahead is predicted, and over which blocks errors are added up.
+/// Settings of predictions: their horizon, the filter's memory, the known commands, and the block length for
+/// errors.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Span {
-    /// Over so many steps; `None` for a free run.
+    /// Horizon in steps; `None` for a free run.
     pub horizon: Option<usize>,
-    /// For how long the filter remembers that knows the record until then, s.
+    /// Memory of the filter that follows the record up to the start of a prediction, s.
     memory_s: Option<f64>,
-    /// What is known of the commands until then.
+    /// Commands that a prediction knows.
     commands: Commands,
-    /// Steps of a block: twice as long as errors are alike.
+    /// Block length in steps: twice the correlation length of the errors.
     block: usize,
 }
 
-/// A sample that is predicted.
+/// A predicted sample.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
     pub step: usize,
     pub measured: f64,
     pub predicted: f64,
-    /// What was measured last before the prediction was begun; not a number for a free run.
+    /// Last measurement before the prediction began; NaN for a free run.
     pub last: f64,
 }
 
 impl Span {
-    /// A free run, and predictions over these horizons, steps, the longest last. In a closed loop the commands ahead answer
-    /// what is to be predicted: where they cancel what disturbs the vehicle, a model that knows them and not the disturbance
-    /// predicts worse than none. So predictions are made without them, too (Dufour and Renault, Econometrica 66, 1998). The
-    /// filter that knows the record until then remembers for `memory_s`, or for as long as it predicts.
+    /// A free run, and predictions over these horizons, steps, the longest last. In a closed loop the future
+    /// commands respond to the predicted motion: where they cancel a disturbance, a model that knows the
+    /// commands but not the disturbance predicts worse than none. So predictions without future commands are
+    /// made too (Dufour and Renault, Econometrica 66, 1998). The filter that follows the record has a memory
+    /// of `memory_s`, or of the horizon.
     pub fn all(horizons: &[usize], period_s: f64, memory_s: Option<f64>) -> Vec<Self> {
         let longest = horizons.last().copied().unwrap_or(1);
         let free = Self { horizon: None, memory_s: None, commands: Commands::Recorded, block: 2 * longest };
@@ -49,7 +51,7 @@ impl Span {
         horizons.iter().flat_map(ahead).chain([free]).collect()
     }
 
-    /// Predictions of all samples, from states at rest; `None` where the vehicle has none.
+    /// Predictions of all samples, from states at rest; `None` where the vehicle has no valid prediction.
     pub fn predicted(self, vehicle: &Vehicle, data: &Data) -> Option<Vec<f64>> {
         let data = Data { memory_s: self.memory_s, ..data.clone() };
         let run = FreeRun::new(vehicle, &data);
@@ -61,7 +63,8 @@ impl Span {
     }
 }
 
-/// Samples of a channel that count. The first predictions of a record come from an initial state that nobody knows.
+/// Predicted samples of a channel that count. The first predictions of a record start from an unknown initial
+/// state and are left out.
 pub(super) fn samples(channel: &Channel, data: &Data, predicted: &[f64], span: Span) -> Vec<Sample> {
     let good = (0..channel.values.len()).filter(|s| channel.good[*s] && predicted[*s].is_finite());
     let sample = |s: usize| {
@@ -77,14 +80,15 @@ pub(super) fn samples(channel: &Channel, data: &Data, predicted: &[f64], span: S
     good.filter_map(sample).collect()
 }
 
-/// What was measured last before the prediction of a step was begun, as [`FreeRun::ahead`] begins it.
+/// Last measurement before the prediction of a step began, as [`FreeRun::ahead`] begins it.
 fn last_value(channel: &Channel, step: usize, since: usize, horizon: usize) -> Option<f64> {
     let every = (horizon / 4).max(1);
     let begun = since + every * ((step - since + every - horizon) / every);
     (since..begun).rev().take(4 * channel.stride).find_map(|k| channel.measured_at(k))
 }
 
-/// The mean of a figure over blocks in its standard errors, and how many blocks there are; `None` for too few.
+/// Mean of a quantity over blocks divided by its standard error, and the number of blocks; `None` for too
+/// few.
 pub(super) fn blocks(
     samples: &[Sample],
     span: Span,
@@ -104,8 +108,9 @@ pub(super) fn blocks(
     (error > 0.0).then(|| (middle / error, sums.len()))
 }
 
-/// The vehicle with a force of its own on each state that is no integral of another. It wanders as a filter lets it: so what moves a
-/// vehicle and is not recorded is held while a prediction lasts, and does not hide what the commands do.
+/// The vehicle with an unknown force on each state that is not an integral of another. The filter estimates
+/// the force as a random walk, and predictions hold it, so that unrecorded disturbances do not hide the
+/// response to commands.
 pub(super) fn with_forces(vehicle: &Vehicle) -> Vehicle {
     let n = vehicle.states.len();
     let driven: Vec<usize> = (0..n).filter(|i| vehicle.kinematic_row(*i).is_none()).collect();
@@ -122,17 +127,18 @@ pub(super) fn with_forces(vehicle: &Vehicle) -> Vehicle {
     forced
 }
 
-/// What is asked of the commands' part in the predictions.
+/// Hypothesis to test about the commands' part in the predictions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Asked {
-    /// That it goes with what was measured, in whatever size.
+    /// The commands' part correlates with the measurements, whatever its size.
     Tells,
-    /// That in its own size it makes the error less.
+    /// The commands' part in its own size reduces the error.
     Improves,
 }
 
-/// Those of the judged channels of which what the commands make of the vehicle's predictions tells, from a step on, what neither
-/// their level, nor their last value, nor the predictions without commands tell (Granger 1969), chance counted in so many `looks`.
+/// The judged channels in which, from a step on, the commands' part of the vehicle's predictions explains
+/// what neither the level, nor the last value, nor the predictions without commands explain (Granger 1969),
+/// corrected for `looks` tests.
 pub(super) fn told_by_commands(
     vehicle: &Vehicle,
     data: &Data,
@@ -182,7 +188,7 @@ pub(super) fn told_by_commands(
     judged.iter().copied().filter(is_told).collect()
 }
 
-/// Columns of length one at right angles to each other (Gram and Schmidt); those that add nothing are left out.
+/// Orthonormal columns (Gram-Schmidt); columns that are linearly dependent are left out.
 fn orthogonal(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for column in columns {
@@ -196,7 +202,7 @@ fn orthogonal(columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     basis
 }
 
-/// What a basis does not have of a column.
+/// Component of a column orthogonal to a basis.
 fn beyond(mut column: Vec<f64>, basis: &[Vec<f64>]) -> Vec<f64> {
     for known in basis {
         let share = dot(&column, known);

@@ -1,9 +1,11 @@
-//! Whether a record is at all what the vehicle does: some output predicted better than by its mean and by its last value.
+//! Resemblance of a record to the vehicle: whether some output is predicted better than by its mean and by
+//! its last value.
 //!
-//! Predictions over several horizons follow the record until they begin, so that they mean something in a closed loop and where
-//! the vehicle integrates; a free run stands beside them. Their squared errors are compared with those of the better of mean and
-//! last value by the means of blocks (Diebold and Mariano 1995): a block is twice as long as the predictions, whose errors
-//! are alike for as long as they reach. Where those of the commands are asked for, predictions without commands stand beside them.
+//! Predictions over several horizons follow the record until they begin, so that they are meaningful in a
+//! closed loop and for an integrating vehicle; a free run is tested as well. Their squared errors are
+//! compared with those of the better of mean and last value by block means (Diebold and Mariano 1995): a
+//! block is twice as long as the horizon, over which errors are correlated. Where the commands matter,
+//! predictions without future commands are tested too.
 
 use whirlstand_logs::stats::mean;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
@@ -16,7 +18,7 @@ use crate::thresholds::{
     HORIZON_RECORD_SHARE, LATENESSES_S, LEAST_HORIZON_STEPS, LOUD_RATIO, MEMORY_GROWTH, MIN_HELD_OUT_SIGMAS,
 };
 
-/// How the predictions of a channel compare with its mean and its last value.
+/// Comparison of a channel's predictions with its mean and its last value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Compared {
     Better,
@@ -24,22 +26,23 @@ enum Compared {
     Worse,
 }
 
-/// What a vehicle predicts of a record.
+/// Result of comparing a vehicle's predictions with a record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Foresight {
-    /// Some output that is more than the integral of another is predicted better than by its mean and its last value.
+    /// True when some output that is more than the integral of another is predicted better than by its mean
+    /// and its last value.
     pub some: bool,
-    /// Channels that are predicted plainly worse than by these over one horizon, and better over none.
+    /// Channels predicted clearly worse than by mean or last value over one horizon, and better over none.
     pub contradicted: Vec<usize>,
 }
 
-/// What a vehicle predicts from a step on, over any horizon or by the free run, with the commands ahead or without, by a filter that
-/// remembers for as long as it predicts or by the likeliest. Where that part is too short to tell, the whole record is asked.
-/// Unless `all` are asked for, one that is predicted is enough.
+/// Tests what a vehicle predicts from a step on, over any horizon or by the free run, with future commands or
+/// without, by a filter whose memory is the horizon or the most likely one. Where that part is too short, the
+/// whole record is used. Unless `all` are asked for, one predicted channel suffices.
 ///
-/// A filter that follows a disturbed vehicle may predict worse than the last value and the vehicle still be right: a channel is
-/// predicted as well where commands, as large as the vehicle says, make predictions better than all that is known without
-/// them, while what else moves the vehicle is held.
+/// A filter that follows a disturbed vehicle may predict worse than the last value although the vehicle is
+/// correct: a channel also counts as predicted where commands, with the gains of the vehicle, make
+/// predictions better than everything known without them, with the disturbances held.
 pub fn foresight(vehicle: &Vehicle, data: &Data, from: usize, all: bool) -> Foresight {
     let (judged, horizons) = (judged(vehicle, data), horizons(vehicle, data));
     let mut compared: Vec<Standing> = judged.iter().map(|_| Standing::default()).collect();
@@ -90,7 +93,7 @@ pub fn foresight(vehicle: &Vehicle, data: &Data, from: usize, all: bool) -> Fore
     found
 }
 
-/// Takes back what commands mend, of the channels that are open.
+/// Removes channels from `contradicted` whose predictions improve with the commands.
 fn ask_the_commands(
     vehicle: &Vehicle,
     data: &Data,
@@ -98,7 +101,8 @@ fn ask_the_commands(
     found: &mut Foresight,
     all: bool,
 ) {
-    // Over how long commands tell is not up to the poles alone: what integrates has none that says so.
+    // The time scale of the response to commands does not follow from the poles alone: integrators have no
+    // time constant.
     let longest = HORIZON_RECORD_SHARE * data.duration_s() / data.period_s;
     let horizons = up_to(longest as usize);
     let mut spans = Span::all(&horizons, data.period_s, None);
@@ -115,12 +119,12 @@ fn ask_the_commands(
     }
 }
 
-/// How predictions of a channel compare with its mean and its last value, over all spans.
+/// Comparisons of a channel's predictions with its mean and its last value, over all spans.
 #[derive(Debug, Clone, Copy, Default)]
 struct Standing {
-    /// On the part that is judged: better over one, worse over one.
+    /// On the judged part: better over some span, worse over some span.
     late: (bool, bool),
-    /// On the whole record, which counts where that part is too short.
+    /// On the whole record, which counts where the judged part is too short.
     whole: (bool, bool),
     is_told: bool,
 }
@@ -154,10 +158,10 @@ impl Standing {
     }
 }
 
-/// That the record is none of the vehicle: every output that is more than the integral of another is predicted no better than by
-/// its mean or its last value, over any horizon and by the free run, and plainly worse over one of them. A cause may do that
-/// to a record of the vehicle: where the commands tell anything of it through the vehicle, late or in another
-/// of the `modes`, it is not refused.
+/// Finding that the record is not of the vehicle: every output that is more than the integral of another is
+/// predicted no better than by its mean or its last value, over any horizon and by the free run, and clearly
+/// worse over one of them. A cause may have this effect on a record of the vehicle: it is not refused where
+/// the commands explain any of it through the vehicle, with a delay or in another of the `modes`.
 pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Option<DataFinding> {
     let judged = judged(vehicle, data);
     let (horizons, spans) = spans(vehicle, data);
@@ -193,8 +197,8 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
     (!others.iter().any(tell)).then(|| finding(vehicle, data, &judged, reach))
 }
 
-/// True when the vehicle is plainly wrong about some output: it predicts it worse than mean or last value over one horizon,
-/// and better over none.
+/// True when the vehicle is clearly wrong about some output: it predicts it worse than mean or last value
+/// over one horizon, and better over none.
 pub(super) fn is_contradicted(vehicle: &Vehicle, data: &Data) -> bool {
     let judged = judged(vehicle, data);
     let (mut better, mut worse) = (vec![false; data.channels.len()], vec![false; data.channels.len()]);
@@ -206,14 +210,14 @@ pub(super) fn is_contradicted(vehicle: &Vehicle, data: &Data) -> bool {
     judged.into_iter().any(|c| worse[c] && !better[c])
 }
 
-/// Horizons over which predictions are compared, steps, the longest last, and what is predicted over them.
+/// Horizons over which predictions are compared, steps, the longest last, and the predictions to make.
 fn spans(vehicle: &Vehicle, data: &Data) -> (Vec<usize>, Vec<Span>) {
     let horizons = horizons(vehicle, data);
     let spans = Span::all(&horizons, data.period_s, None);
     (horizons, spans)
 }
 
-/// How the vehicle predicts the judged channels; none where it has no prediction.
+/// Comparison of the judged channels' predictions; empty where the vehicle has no prediction.
 fn compare(vehicle: &Vehicle, data: &Data, judged: &[usize], span: Span) -> Vec<(usize, Compared)> {
     let Some(predicted) = span.predicted(vehicle, data) else { return Vec::new() };
     let ranges = data.ranges().into_iter().enumerate().filter(|(c, _)| judged.contains(c));
@@ -238,7 +242,8 @@ fn finding(vehicle: &Vehicle, data: &Data, judged: &[usize], horizons: (usize, u
     DataFinding { kind: "vehicle".into(), place: names.join(","), text, blocking: true }
 }
 
-/// Channels that show more than the integral of another state, which any vehicle predicts; all, where there are no others.
+/// Channels that show more than the integral of another state, which any vehicle predicts; all channels,
+/// where there are no others.
 fn judged(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
     let is_integral = |channel: &Channel| {
         let mut shown = (0..vehicle.states.len()).filter(|j| vehicle.c[(channel.output, *j)] != 0.0);
@@ -248,7 +253,7 @@ fn judged(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
     if forces.is_empty() { (0..data.channels.len()).collect() } else { forces }
 }
 
-/// Horizons up to the one that is chosen by itself, steps.
+/// Horizons up to the default horizon, steps.
 fn horizons(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
     let longest = ((default_horizon_s(vehicle, data, None) / data.period_s).round() as usize).max(1);
     up_to(longest)
@@ -261,7 +266,7 @@ fn up_to(longest: usize) -> Vec<usize> {
     horizons.take_while(|h| *h < longest).chain([longest.max(1)]).collect()
 }
 
-/// Compares predictions of a channel with its mean and its last value; `None` for too few.
+/// Compares predictions of a channel with its mean and its last value; `None` for too few samples.
 fn compared(channel: &Channel, samples: Vec<Sample>, span: Span) -> Option<Compared> {
     Some(match gain(channel, samples, span)? {
         t if t > MIN_HELD_OUT_SIGMAS => Compared::Better,
@@ -270,12 +275,12 @@ fn compared(channel: &Channel, samples: Vec<Sample>, span: Span) -> Option<Compa
     })
 }
 
-/// By how many standard errors predictions of a channel are better than the better of its mean and its last value, without
-/// bound where they stay within the declared noise; `None` for too few.
+/// Improvement of a channel's predictions over the better of its mean and its last value, in standard errors;
+/// infinite where errors stay within the declared noise; `None` for too few samples.
 fn gain(channel: &Channel, samples: Vec<Sample>, span: Span) -> Option<f64> {
     let level = mean(&samples.iter().map(|s| s.measured).collect::<Vec<_>>());
     let power = |error: &dyn Fn(&Sample) -> f64| samples.iter().map(|s| error(s).powi(2)).sum::<f64>();
-    // What stays within the noise is predicted as well as can be.
+    // Errors within the declared noise are as small as possible.
     if power(&|s| s.measured - s.predicted) <= samples.len() as f64 * (LOUD_RATIO * channel.declared).powi(2)
         && !samples.is_empty()
     {
@@ -284,7 +289,7 @@ fn gain(channel: &Channel, samples: Vec<Sample>, span: Span) -> Option<f64> {
     let last_is_better =
         span.horizon.is_some() && power(&|s| s.measured - s.last) < power(&|s| s.measured - level);
     let base = |s: &Sample| if last_is_better { s.last } else { level };
-    // A free run may be off by an offset.
+    // A free run may have a constant offset.
     let predicted = mean(&samples.iter().map(|s| s.predicted).collect::<Vec<_>>());
     let offset = if span.horizon.is_none() { level - predicted } else { 0.0 };
     let gain = |s: &Sample| (s.measured - base(s)).powi(2) - (s.measured - s.predicted - offset).powi(2);

@@ -1,24 +1,25 @@
-//! What a predictor that follows a record makes of each of its columns: one response a column.
+//! Responses of a predictor that follows a record to each of its columns separately.
 //!
-//! A filter with fixed gains is linear in what it reads. Its innovations are therefore the sum of what it makes of every
-//! measured channel and every input by itself. With the columns kept apart, the innovations of a record whose columns are
-//! in other units are the same responses weighed anew, without another run.
+//! A filter with fixed gains is linear in its inputs. Its innovations are therefore the sum of its responses
+//! to every measured channel and every input alone. With these kept apart, the innovations of a record whose
+//! columns have other units are a weighted sum of the same responses, without another run.
 
 use whirlstand_vehicle::{Kind, Simulator, Vehicle};
 
 use crate::data::record::Data;
 use crate::model::observer::Observer;
 
-/// Innovations of every channel by source: its good samples behind the transients. Sources are the channels, then the inputs.
+/// Innovations of every channel by source: its good samples after the transients. Sources are the channels,
+/// then the inputs.
 #[derive(Debug, Clone)]
 pub(super) struct Responses {
-    /// One list of columns a channel, one column a source.
+    /// Columns by channel, then by source.
     pub channels: Vec<Vec<Vec<f64>>>,
 }
 
 impl Responses {
-    /// With a filter that remembers for `memory_s`; the first `skip` steps of every record are left out, in which the
-    /// initial state dies away. `None` when nothing can follow the record.
+    /// Responses of a filter with memory `memory_s`; the first `skip` steps of every record are left out, in
+    /// which the initial state decays. `None` when no filter can follow the record.
     pub fn new(vehicle: &Vehicle, data: &Data, memory_s: f64, skip: usize) -> Option<Self> {
         let observer = Observer::new(vehicle, data, memory_s)?;
         let base = run(vehicle, data, &observer, None, skip)?;
@@ -44,7 +45,7 @@ pub(super) fn without_limits(vehicle: &Vehicle) -> Vehicle {
     open
 }
 
-/// The vehicle as far as it is linear, without limits: what is scaled must not run into them.
+/// The vehicle with only its linear effects and without limits: scaled inputs must not saturate.
 pub(super) fn linear(vehicle: &Vehicle) -> Vehicle {
     let mut open = without_limits(vehicle);
     open.source_text.clear();
@@ -68,7 +69,7 @@ pub(super) fn linear(vehicle: &Vehicle) -> Vehicle {
     open
 }
 
-/// Innovations when only one source has values, and all others are at rest.
+/// Innovations when only one source is non-zero and all others are at rest.
 fn run(
     vehicle: &Vehicle,
     data: &Data,

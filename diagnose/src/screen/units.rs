@@ -1,8 +1,9 @@
-//! Columns in another unit than they were read in, or of quite another size.
+//! Columns recorded in another unit, or with a gross scale error.
 //!
-//! A unit is one of a few known ratios, a fault any number: a ratio is told where the interval of the estimated factor
-//! contains it, and where what parts of a vehicle do (lose effectiveness, be up to twice as strong) would have to come near
-//! it by chance. All columns of a kind in a wrong unit come before one alone.
+//! A unit error has one of a few known ratios, a fault any factor: a unit error is reported where the
+//! interval of the estimated factor contains its ratio, and where physical faults (lost effectiveness, up to
+//! twice the strength) would come near it only by chance. All columns of a kind in a wrong unit are preferred
+//! over one alone.
 
 use whirlstand_vehicle::Vehicle;
 
@@ -17,30 +18,30 @@ use crate::thresholds::{
     VEHICLE_GAIN_ERROR,
 };
 
-/// Columns that are one ratio too large.
+/// Columns that are too large by one ratio.
 #[derive(Debug, Clone)]
 struct WrongUnit {
-    /// Sources: channels, then inputs.
+    /// Indices of the sources: channels, then inputs.
     members: Vec<usize>,
-    /// Recorded over true.
+    /// Ratio of recorded to true values.
     ratio: f64,
-    /// Other columns that would do the same with another ratio.
+    /// Other columns that would explain the same with another ratio.
     or: Option<(Vec<usize>, f64)>,
 }
 
-/// A unit that was tried: logarithm of the likelihood and what speaks for it beforehand, columns, ratio.
+/// A tested unit error: log-likelihood and log-prior, columns, ratio.
 type Trial<'g> = ((f64, f64), &'g Vec<usize>, f64);
 
-/// What one predictor says.
+/// Result under one predictor.
 struct Weighed {
     columns: Columns,
     log_likelihood: f64,
-    /// What every column is multiplied by.
+    /// Factor by which every column is multiplied.
     weights: Vec<f64>,
     units: Vec<WrongUnit>,
 }
 
-/// Wrong units of a record, all of them at once. Commands are to be as they were recorded, limits or not.
+/// Finds all wrong units of a record. Commands must be given as recorded, not limited.
 pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
     let open = linear(vehicle);
     let groups = groups(vehicle, data);
@@ -65,7 +66,7 @@ pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
     };
     let beside = &weighed[if best + 1 < weighed.len() { best + 1 } else { best.saturating_sub(1) }];
     let best = &weighed[best];
-    // Where no command shows, nothing but chance says how large the outputs should be.
+    // Where no command has an effect, the scale of the outputs is arbitrary.
     let p = data.channels.len();
     let shows = |s: usize| factor(best, beside, &[s]).is_some_and(|f| f.half < GREATEST_PHYSICAL_FACTOR.ln());
     if best.units.is_empty() || !(p..p + data.m).any(shows) {
@@ -76,19 +77,19 @@ pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
         Some((unit, Factor { log: unit.ratio.ln() + left.log, ..left }))
     });
     let units: Vec<_> = units.collect();
-    // Products of several ratios come near any number, so that each of several must be met exactly.
+    // Products of several ratios come close to any number, so that each of several must match exactly.
     let room = if best.units.len() == 1 { VEHICLE_GAIN_ERROR } else { 0.0 };
     let is_unit =
         |(unit, factor): &&(&WrongUnit, Factor)| is_certain(unit, factor, unit.members[0] >= p, room);
     let certain: Vec<_> = units.iter().filter(is_unit).collect();
-    // Of a vehicle that is wrong in more than units, any gain may come near one of their ratios.
+    // For a vehicle with other errors than units, any gain may come close to one of their ratios.
     let is_all = |wrong: &[WrongUnit]| !is_contradicted(vehicle, &mended(data, wrong.iter()));
     if !certain.is_empty() {
         let wrong: Vec<WrongUnit> = certain.iter().map(|(unit, _)| (*unit).clone()).collect();
         let all = certain.iter().map(|(unit, factor)| finding(vehicle, data, unit, factor));
         return if is_all(&wrong) { all.collect() } else { Vec::new() };
     }
-    // No ratio of units, and more than is looked for as a fault.
+    // A factor that is no ratio of units, and beyond what is searched for as a fault.
     let [(unit, factor)] = units[..] else { return Vec::new() };
     let own = WrongUnit { ratio: factor.log.exp(), ..unit.clone() };
     let beyond = strengths(&factor, unit.members[0] >= p).0 > *SEARCHED_FACTORS.end();
@@ -110,7 +111,7 @@ fn mended<'u>(data: &Data, units: impl Iterator<Item = &'u WrongUnit>) -> Data {
     data
 }
 
-/// The likeliest units under one predictor, one after the other.
+/// The most likely units under one predictor, added one after the other.
 fn weigh(columns: Columns, groups: &[Vec<usize>]) -> Weighed {
     let mut weights = vec![1.0; columns.sources()];
     let mut log_likelihood = columns.likelihood(&weights).0;
@@ -120,7 +121,7 @@ fn weigh(columns: Columns, groups: &[Vec<usize>]) -> Weighed {
         let open = groups.iter().filter(|g| !g.iter().any(taken));
         let tried = open.flat_map(|g| ratios().map(move |r| (g, r)));
         let tried = tried.map(|(g, r)| (columns.likelihood(&scaled(&weights, g, 1.0 / r)), g, r));
-        // The first of those that do alike: one column comes before several.
+        // The first of equally good ones: one column is preferred over several.
         let total = |l: (f64, f64)| l.0 + l.1;
         let tried: Vec<Trial<'_>> = tried.collect();
         let better = tried
@@ -141,12 +142,12 @@ fn weigh(columns: Columns, groups: &[Vec<usize>]) -> Weighed {
     Weighed { columns, log_likelihood, weights, units: found }
 }
 
-/// How many times too large columns still are. To the interval of the best predictor comes what another says: of a vehicle that
-/// is right, both say the same.
+/// Remaining scale error of columns. The interval of the best predictor is widened by the difference to
+/// another one: for a correct vehicle, both agree.
 fn factor(best: &Weighed, beside: &Weighed, members: &[usize]) -> Option<Factor> {
     let left = |weighed: &Weighed| gain::factor(&weighed.columns, &best.weights, members);
     let (own, other) = (left(best)?, left(beside)?);
-    // Weights are what a column is multiplied by.
+    // Weights multiply a column: the scale error is their inverse.
     Some(Factor { log: -own.log, half: own.half + (own.log - other.log).abs() })
 }
 
@@ -154,7 +155,8 @@ fn ratios() -> impl Iterator<Item = f64> {
     UNIT_RATIOS.iter().flat_map(|r| [*r, 1.0 / r])
 }
 
-/// Which columns may be in one wrong unit: each alone, those of one unit, all angles with their rates, all inputs.
+/// Groups of columns that may share one wrong unit: each alone, those of one unit, all angles with their
+/// rates, all inputs.
 fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
     let p = data.channels.len();
     let inputs: Vec<usize> = (p..p + data.m).collect();
@@ -178,8 +180,8 @@ fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
     groups
 }
 
-/// True when only the unit explains the factor: its interval holds the unit's ratio, and hardly any factor that the parts of a
-/// vehicle have. Beyond all of those, the gains of the vehicle file may be off by `room`, as far as such files are.
+/// True when only the unit explains the factor: its interval contains the unit's ratio, and hardly any factor
+/// of physical faults. In addition, the gains of the vehicle file may be wrong by `room`.
 fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool, room: f64) -> bool {
     let (low, high) = (factor.log - factor.half, factor.log + factor.half);
     let (weakest, strongest) = strengths(factor, input);
@@ -187,20 +189,20 @@ fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool, room: f64) -> bool
     let room = if physical > 0.0 { 0.0 } else { room };
     let holds = |r: f64| low - room < r.ln() && r.ln() < high + room;
     let alone = !ratios().any(|r| r != unit.ratio && holds(r));
-    // An interval as wide as the ratios are apart tells none of them.
+    // An interval as wide as the distance between ratios distinguishes none of them.
     let least = UNIT_RATIOS.iter().copied().fold(f64::INFINITY, f64::min);
     let narrow = 2.0 * factor.half < least.ln();
     narrow && holds(unit.ratio) && alone && physical < CHANCE_FACTOR_SHARE * GREATEST_PHYSICAL_FACTOR
 }
 
-/// The least and the greatest factor of a part that would look like a column of so many times its size.
+/// Smallest and largest strength of a part that would look like a column with this scale error.
 fn strengths(factor: &Factor, input: bool) -> (f64, f64) {
     let (low, high) = (factor.log - factor.half, factor.log + factor.half);
-    // A vehicle of a tenth of the strength answers as to a command recorded ten times too large.
+    // A vehicle of a tenth of the strength responds as to a command recorded ten times too large.
     if input { ((-high).exp(), (-low).exp()) } else { (low.exp(), high.exp()) }
 }
 
-/// A source's name and SI unit.
+/// Name and SI unit of a source.
 fn signal(vehicle: &Vehicle, data: &Data, source: usize) -> (String, String) {
     let p = data.channels.len();
     let named = |name: &str, unit: String| (name.to_string(), unit);
@@ -244,7 +246,7 @@ fn finding(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) ->
     DataFinding { kind: "unit".into(), place: names.join(","), text, blocking: true }
 }
 
-/// Columns of a size that neither a unit nor a fault explains.
+/// Finding on columns of a size that neither a unit nor a fault explains.
 fn strange_size(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) -> DataFinding {
     let signals: Vec<_> = unit.members.iter().map(|s| signal(vehicle, data, *s)).collect();
     let at = |sigmas: f64| {
@@ -263,7 +265,7 @@ fn strange_size(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Facto
     DataFinding { kind: "size".into(), place: names.join(","), text, blocking: true }
 }
 
-/// What is wrong with columns, in words.
+/// Text: columns are too large by a ratio.
 fn too_large(signals: &[(String, String)], ratio: f64) -> String {
     let names: Vec<&str> = signals.iter().map(|(n, _)| n.as_str()).collect();
     let (much, size) = if ratio > 1.0 { ("large", ratio) } else { ("small", 1.0 / ratio) };
@@ -271,7 +273,7 @@ fn too_large(signals: &[(String, String)], ratio: f64) -> String {
     format!("{} {are} {} times too {much}", list(&names), short(size))
 }
 
-/// What to do about columns that are so many times too large.
+/// Text: how to correct columns that are too large by a ratio.
 fn mending(signals: &[(String, String)], ratio: f64) -> String {
     let columns = if signals.len() == 1 { "column" } else { "columns" };
     let maps =
@@ -283,7 +285,7 @@ fn mending(signals: &[(String, String)], ratio: f64) -> String {
     }
 }
 
-/// The unit of a column that was recorded so many times larger than in SI, where it has a usual name.
+/// Unit of a column recorded larger than in SI by a ratio, where that unit has a usual name.
 fn recorded(si: &str, ratio: f64) -> Option<String> {
     let is = |r: f64| (ratio / r - 1.0).abs() < 1e-6;
     let [degrees, gravity, thousand, speed] = UNIT_RATIOS;

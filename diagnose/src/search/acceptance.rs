@@ -1,4 +1,4 @@
-//! Whether a candidate is a cause: all conditions, its detectability, and the rivals that explain as much.
+//! Acceptance of a candidate as a cause: its conditions, its detectability, and rivals that explain as much.
 
 use crate::candidates::library::Candidate;
 use crate::model::columns::dot;
@@ -18,43 +18,44 @@ use whirlstand_logs::stats::chi_square_tail;
 pub struct TermEvidence {
     /// Gain in BIC over the model without it.
     pub delta_bic: f64,
-    /// Gain on left-out data over its standard error.
+    /// Gain on left-out data divided by its standard error.
     pub heldout: f64,
-    /// Probability by chance, corrected.
+    /// Probability of the gain by chance, corrected for all hypotheses.
     pub p_value: f64,
-    /// Squared norm of its whitened signature, nuisances projected out.
+    /// Squared norm of the whitened signature, nuisances projected out.
     pub detectability: f64,
 }
 
-/// Why a candidate was not accepted, or its evidence.
+/// Decision on a candidate.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Decision {
-    /// All conditions hold.
+    /// All conditions hold; the evidence.
     Accepted(TermEvidence),
-    /// The first that does not.
+    /// A condition fails; the reason.
     Refused(String),
-    /// The record does not determine its parameters.
+    /// The record does not determine the parameters; the reason.
     Undetermined(String),
 }
 
-/// A rival that explains as much.
+/// A rival: another candidate that might explain as much as an accepted cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rival {
-    /// The effect.
+    /// The rival candidate.
     pub candidate: Candidate,
-    /// Its values.
+    /// Fitted values of the rival.
     pub values: Vec<f64>,
-    /// By how much the accepted cause is better, in BIC.
+    /// Gain in BIC of the accepted cause over the rival.
     pub gap: f64,
-    /// By how much it is better in twice the log-likelihood: what the record itself says, whatever the parameters cost.
+    /// Gain of the accepted cause over the rival in twice the log-likelihood, without a penalty for
+    /// parameters.
     pub ratio: f64,
-    /// Cosine of the angle between the signatures.
+    /// Cosine of the angle between the two signatures.
     pub kappa: f64,
-    /// Squared norms of the whitened signatures, of the accepted cause and of the rival.
+    /// Squared norms of the whitened signatures of the accepted cause and of the rival.
     pub detectabilities: [f64; 2],
 }
 
-/// Whether a fitted candidate passes all conditions.
+/// Decides whether a fitted candidate passes all conditions.
 pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypotheses: usize) -> Decision {
     let refuse = |why: String| Decision::Refused(why);
     let k = alternative.candidate.tunables.len();
@@ -68,8 +69,8 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     let Some(extended) = &alternative.fit else {
         return refuse("other candidates explain more".into());
     };
-    // Where an effect was taken for colour, the noise has numbers that it does without beside the effect: what these are
-    // worth counts as it does in the choice of the colour.
+    // Where an effect was absorbed as coloured noise, the noise model has parameters that it does not need
+    // beside the effect: their cost in BIC counts as it does in the choice of the model order.
     let worth = delta_bic + k as f64 * (fit.profile.rows as f64).ln();
     let chance = chi_square_tail(alternative.ratio.max(worth), k as f64);
     let p_value = (chance * alternative.candidate.looks * hypotheses as f64).min(1.0);
@@ -89,8 +90,8 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
         if !tunable.size {
             continue;
         }
-        // At the end of its range a value is no optimum, and has no interval (Self and Liang 1987): a mode that is all
-        // damping is none.
+        // A value at the end of its range is no optimum and has no interval (Self and Liang 1987): a mode at
+        // the limit of damping is not accepted.
         let value = extended.values[from + i];
         if value == tunable.lower || value == tunable.upper {
             return Decision::Undetermined(format!("its {} is at the limit of its range", tunable.name));
@@ -98,7 +99,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
         let null = if i + 1 == k { alternative.candidate.null } else { 0.0 };
         let size = (extended.values[from + i] - null).abs();
         let mut variance = covariance[(from + i, from + i)];
-        // Of a short pulse a record shows the area; how high and how long it was go together.
+        // A record determines the area of a short pulse; its height and duration are correlated.
         if let Some(d) = alternative.candidate.tunables.iter().position(|t| t.name == "duration_s") {
             let share = size / extended.values[from + d].abs().max(f64::MIN_POSITIVE);
             let sign = (extended.values[from + i] - null).signum();
@@ -124,7 +125,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     Decision::Accepted(TermEvidence { delta_bic, heldout, p_value, detectability })
 }
 
-/// The signature of a fitted candidate: what it changes at its values, the others as they are.
+/// Signature of a fitted candidate: change of the samples at its values, other values fixed.
 fn signature(model: &Model<'_, '_>, candidate: &Candidate, values: &[f64]) -> Option<Vec<f64>> {
     let mut whole = model.clone();
     whole.terms.push(candidate.clone());
@@ -141,7 +142,7 @@ fn detectability(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative) ->
     Some(dot(&s, &s))
 }
 
-/// Other fitted candidates, and how alike they look.
+/// Rivals of a candidate among other fitted candidates, with the similarity of their signatures.
 pub(crate) fn rivals(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -174,27 +175,29 @@ pub(crate) fn rivals(
 }
 
 impl Rival {
-    /// True when it explains as much, is another thing, and the record would have shown the accepted cause to be the better of the
-    /// two if that were what happened: neither is it.
+    /// True when the rival explains as much, has another signature, and the record would have shown the
+    /// accepted cause to be better if it were the truth: then neither is accepted.
     pub fn excludes(&self) -> bool {
         self.is_as_good() && self.cox(self.ratio, self.detectabilities[0]) < -COX_QUANTILE
     }
 
-    /// True when the record cannot tell it from the accepted cause; a simpler cause may be preferred, not proven.
+    /// True when the record cannot distinguish the rival from the accepted cause; the simpler one is
+    /// preferred, not proven.
     pub fn indistinguishable(&self) -> bool {
         let same = self.kappa > SAME_SIGNATURE_COSINE && self.gap.min(self.ratio) < RIVAL_BIC;
         let shown = self.cox(-self.ratio, self.detectabilities[1]) < -COX_QUANTILE;
         same || self.is_as_good() && !self.excludes() && !shown
     }
 
-    /// True when it explains as much, and does not look the same.
+    /// True when the rival explains as much and has another signature.
     pub fn is_as_good(&self) -> bool {
         self.gap < UNDECIDED_BIC && self.kappa <= SAME_SIGNATURE_COSINE
     }
 
-    /// Cox's test of separate families (1961): by how many of its standard deviations twice the log-likelihood ratio of one of the
-    /// two over the other is above what it is where the one is the truth. Of signatures at an angle, and Gaussian noise, that has
-    /// the squared distance of the one from the other's direction for its mean, and four times that for its variance.
+    /// Cox's test of separate families (1961): excess of twice the log-likelihood ratio of one of the two
+    /// over the other beyond its mean under the first, in standard deviations. For signatures at an angle and
+    /// Gaussian noise, the mean is the squared distance of the one signature from the other's direction, and
+    /// the variance four times that.
     fn cox(&self, ratio: f64, detectability: f64) -> f64 {
         let apart = (1.0 - self.kappa * self.kappa) * detectability;
         (ratio - apart) / (2.0 * apart.sqrt()).max(f64::MIN_POSITIVE)

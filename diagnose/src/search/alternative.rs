@@ -1,4 +1,4 @@
-//! A candidate beside the terms of a model, and what a search knows when it fits one.
+//! A candidate fitted beside the terms of a model, and the common inputs of a search.
 
 use crate::Watch;
 use crate::candidates::library::{Candidate, Sizes};
@@ -7,34 +7,34 @@ use crate::model::fit::{Effort, Fit, Model};
 /// A candidate beside the terms of a model, fitted together with them.
 #[derive(Debug, Clone)]
 pub struct Alternative {
-    /// The candidate.
+    /// The candidate effect.
     pub candidate: Candidate,
-    /// The fit of model and candidate; the candidate's values come last. `None` when it was not worth a fit.
+    /// The fit of model and candidate, the candidate's values last. `None` when it was not worth a fit.
     pub fit: Option<Fit>,
-    /// The model's terms in that fit: those of a search's end may be others.
+    /// The terms of the model in that fit; the final model may have others.
     pub beside: Vec<Candidate>,
-    /// Gain in BIC over the model without it: by the fit, or estimated from the score.
+    /// Gain in BIC over the model without the candidate, from the fit or estimated from the score.
     pub delta_bic: f64,
     /// Twice the gain in log-likelihood.
     pub ratio: f64,
 }
 
-/// What the search knows beside model and fit.
+/// Inputs of a search besides model and fit.
 #[derive(Debug, Clone, Copy)]
 pub struct SearchSpace<'s> {
     /// Candidates whose response follows from the inputs.
     pub library: &'s [Candidate],
-    /// Sizes of the record.
+    /// Magnitudes of the record's signals.
     pub sizes: &'s Sizes,
-    /// Causes that are named, at most.
+    /// Largest number of causes to name.
     pub most: usize,
-    /// Standard deviations of the channels' noise as the vehicle declares it; 0 where it says nothing.
+    /// Standard deviations of the channels' declared noise; 0 where the vehicle declares none.
     pub declared: &'s [f64],
-    /// Who waits for the answer.
+    /// Receives progress and can stop the search.
     pub watch: &'s Watch,
 }
 
-/// The model with the candidate, all values fitted.
+/// The model with the candidate added, all values fitted.
 pub fn fitted(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -44,7 +44,7 @@ pub fn fitted(
     fitted_with(model, fit, candidate, start, Effort::Full)
 }
 
-/// As [`fitted`], as far as asked.
+/// The model with the candidate, as [`fitted`], with the given effort.
 pub fn fitted_with(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -57,7 +57,7 @@ pub fn fitted_with(
     joined(model, fit, candidate, values, effort)
 }
 
-/// The model with the candidate, from all values together.
+/// Fits the model with the candidate, starting from the given values of all parameters.
 pub fn joined(
     model: &Model<'_, '_>,
     fit: &Fit,

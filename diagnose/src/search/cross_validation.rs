@@ -1,4 +1,4 @@
-//! Gain on data that a fit has not seen.
+//! Cross-validation: gain on data that a fit has not used.
 
 use crate::thresholds::{BLOCKS, MAX_BLOCK_SHARE, MIN_REMAINING_INFORMATION};
 use nalgebra::DVector;
@@ -9,15 +9,16 @@ use crate::model::fit::{Fit, Model};
 use crate::model::noise::Noise;
 use whirlstand_ident::identify::normal::pseudo_inverse;
 
-/// The gain of `extended` over `reduced` on blocks that are left out of both fits, over its standard error.
+/// The gain of `extended` over `reduced` on blocks left out of both fits, divided by its standard error.
 ///
-/// Every block is predicted with the values that the other blocks give: the step from the fit to all blocks to that
-/// without one follows from the block's own share of gradient and information. Both are judged by the noise model of the
-/// extended one. Blocks are cut so that in each the two predictions differ by as much: an event that lasts a second
-/// has its blocks within that second. Whitened, residuals of one block say nothing about those of the next.
+/// Every block is predicted with the values estimated from the other blocks: the step from the fit of all
+/// blocks to that without one follows from the block's own share of gradient and information. Both models are
+/// judged under the noise model of the extended one. Blocks are cut so that the two predictions differ by the
+/// same energy in each: an event of one second has its blocks within that second. Whitened residuals of
+/// different blocks are independent.
 ///
-/// Some values are left as they are: the initial state, as without the first block nothing would be known of it, when an
-/// event was, and what else only the block itself tells (how large an event within it was).
+/// Some values are kept fixed: the initial state, which would be unknown without the first block, the time of
+/// an event, and values that only one block determines (such as the size of an event within it).
 pub fn held_out_gain(reduced: (&Model<'_, '_>, &Fit), extended: (&Model<'_, '_>, &Fit)) -> f64 {
     let data = reduced.0.free_run.data;
     let ((small, reduced), (large, extended)) = (reduced, extended);
@@ -36,7 +37,7 @@ pub fn held_out_gain(reduced: (&Model<'_, '_>, &Fit), extended: (&Model<'_, '_>,
     if variance > 0.0 { mean / (variance / n).sqrt() } else { 0.0 }
 }
 
-/// Values that every part of a record tells something about.
+/// Indices of the values that every part of a record helps to determine.
 fn estimated(model: &Model<'_, '_>) -> Vec<usize> {
     let free = model.states()..model.base();
     let tunables = model.terms.iter().enumerate().flat_map(|(t, term)| model.range(t).zip(&term.tunables));
@@ -44,7 +45,7 @@ fn estimated(model: &Model<'_, '_>) -> Vec<usize> {
     free.chain(lasting.map(|(i, _)| i)).collect()
 }
 
-/// First steps of the blocks, and the end; and the energy by which the predictions differ.
+/// First steps of the blocks and the end, and the energy by which the predictions differ.
 fn cuts(data: &Data, noise: &Noise, reduced: &Fit, extended: &Fit) -> (Vec<usize>, f64) {
     let mut difference: Vec<f64> =
         extended.predicted.iter().zip(&reduced.predicted).map(|(a, b)| a - b).collect();

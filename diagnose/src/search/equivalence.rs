@@ -1,21 +1,21 @@
-//! Causes that are the same thing where nothing parts them: which of the two is named.
+//! Equivalent causes: decides which of two indistinguishable effects is named.
 
 use crate::thresholds::{SAME_EFFECT_BIC, SAME_TONE_BIC, SISO_SAME_BIC, SISO_SAME_SHARE};
 use whirlstand_vehicle::Kind;
 
 use crate::data::record::Data;
 
-/// True with one input and one output.
+/// True for a system with one input and one output.
 pub fn single(data: &Data) -> bool {
     data.m == 1 && data.channels.len() == 1
 }
 
-/// What comes first where it does as well: the input's before the sensor's, but a tone is the sensor's; and up to which
-/// difference in BIC that is so. `explained` is the gain in BIC.
+/// The equivalent kind of effect that is preferred, and the difference in BIC up to which it is: the input's
+/// before the sensor's, except that a tone is the sensor's. `explained` is the gain in BIC.
 pub fn simpler(kind: Kind, explained: f64, data: &Data) -> Option<(Kind, f64)> {
     let same = match (single(data), data.memory_s) {
-        // What parts the two is how process noise passes them, and the gain of a predictor that follows the record
-        // knows of neither.
+        // The two differ only in how process noise propagates, and the gain of a predictor that follows the
+        // record contains neither.
         (true, Some(_)) => f64::INFINITY,
         (true, None) => SISO_SAME_BIC.max(SISO_SAME_SHARE * explained),
         (false, _) => SAME_EFFECT_BIC,
@@ -29,13 +29,13 @@ pub fn simpler(kind: Kind, explained: f64, data: &Data) -> Option<(Kind, f64)> {
     })
 }
 
-/// Whether a cause gives its place to a rival that is worse by `gap` in BIC.
+/// True when a cause is replaced by a rival that is worse by `gap` in BIC.
 pub fn yields((own, explained): (Kind, f64), rival: Kind, gap: f64, data: &Data) -> bool {
     let simpler = simpler(own, explained, data).is_some_and(|(kind, same)| kind == rival && gap < same);
     simpler || gap < -lead((own, explained), rival, data)
 }
 
-/// By how much in BIC a rival must be better to take a cause's place.
+/// Difference in BIC by which a rival must be better to replace a cause.
 pub fn lead((own, explained): (Kind, f64), rival: Kind, data: &Data) -> f64 {
     match simpler(rival, explained, data) {
         Some((kind, same)) if kind == own => same.max(1.0),

@@ -1,4 +1,4 @@
-//! Which candidates are causes: survey, selection, acceptance.
+//! Search for causes among the candidates: survey, selection, acceptance.
 
 pub mod acceptance;
 pub mod alternative;

@@ -1,4 +1,4 @@
-//! The causes of a record: searched for beside refitted and beside given parameters, of which the likelier counts.
+//! Searches for causes with refitted and with given free parameters, and keeps the more likely result.
 
 use crate::model::fit::Model;
 use crate::model::free_run::ModelError;
@@ -6,8 +6,9 @@ use crate::search::alternative::SearchSpace;
 use crate::search::select::select;
 use crate::search::selection::Selection;
 
-/// The causes of a record. Where free parameters are refitted beside the causes, the first is looked for beside the given
-/// values too: without its cause, a refit may end far from anything (in a closed loop, at a vehicle that no command moves).
+/// The causes of a record. Where free parameters are refitted beside the causes, the first cause is also
+/// searched for with the given values: without its cause, a refit may end far from the truth (in a closed
+/// loop, at a vehicle that does not respond to commands).
 ///
 /// # Errors
 /// When the vehicle cannot be simulated over the record.
@@ -38,7 +39,7 @@ fn bic(selection: &Selection<'_, '_>) -> f64 {
     selection.fit.profile.bic(selection.model.parameters())
 }
 
-/// The one of smaller BIC.
+/// The selection with the smaller BIC.
 fn likelier<'r, 'd>(best: Selection<'r, 'd>, other: Option<Selection<'r, 'd>>) -> Selection<'r, 'd> {
     match other {
         Some(other) if bic(&other) < bic(&best) => other,

@@ -1,4 +1,5 @@
-//! The choice of causes: added one by one, exchanged while that is better, taken back when the rest does without.
+//! Stepwise selection of causes: added one by one, exchanged for better ones, removed when the others
+//! suffice.
 
 use crate::thresholds::{FOUND_AGAIN_SHARE, MAX_EXCHANGES, MIN_BIC_GAIN, OVERSHADOWED_BIC, RIDER_SHARE};
 use whirlstand_vehicle::Kind;
@@ -15,8 +16,8 @@ use crate::search::selection::{Accepted, Refused, Selection};
 use crate::search::survey::survey;
 use crate::search::survey_cache::SurveyCache;
 
-/// Searches for causes. Under one noise model for all channels, when one
-/// is given, and from the given terms on, the free parameters as the vehicle has them.
+/// Searches for causes, beginning with the given terms; under one noise model for all channels, when one is
+/// given. Free parameters keep the vehicle's values.
 ///
 /// # Errors
 /// When the vehicle cannot be simulated over the record.
@@ -44,20 +45,20 @@ pub fn select<'r, 'd>(
     Ok(Selection { model: search.model, fit: search.fit, null, accepted, refused: search.refused })
 }
 
-/// A search on its way: the model with the terms so far.
+/// State of a search: the model with the terms accepted so far.
 struct Search<'r, 'd, 's> {
     model: Model<'r, 'd>,
     fit: Fit,
     space: &'s SearchSpace<'s>,
     surveys: SurveyCache,
-    /// Candidates that were weighed at once, at most: what a probability by chance is corrected for.
+    /// Largest number of candidates tested at once, for which probabilities are corrected.
     hypotheses: usize,
     refused: Vec<Refused>,
 }
 
 impl Search<'_, '_, '_> {
-    /// Adds the candidate that explains most of those that pass; `false` when there is none. What the record does not
-    /// determine stands in nobody's way: the others are looked at again without it.
+    /// Adds the passing candidate with the largest gain; `false` when there is none. A candidate that the
+    /// record does not determine does not block others: these are tested again without it.
     fn add(&mut self) -> bool {
         if self.space.watch.is_stopped() {
             return false;
@@ -83,8 +84,8 @@ impl Search<'_, '_, '_> {
         }
     }
 
-    /// The first alternative that passes; the others are refused. Those that hide others, and are not determined, leave the
-    /// library.
+    /// The first alternative that passes; those before it are refused. Candidates that are not determined and
+    /// mask others leave the library.
     fn best(&mut self, alternatives: Vec<Alternative>, library: &mut Vec<Candidate>) -> Option<Alternative> {
         let left = self.hypotheses.saturating_sub(self.model.terms.len()).max(1);
         let mut overshadowing = f64::NEG_INFINITY;
@@ -95,8 +96,8 @@ impl Search<'_, '_, '_> {
                 continue;
             }
             let decision = decide(&self.model, &self.fit, &alternative, left);
-            // What explains less than one that was refused is no better for that. But a gust explains a part of anything,
-            // and what is not determined explains nothing for certain.
+            // A candidate that explains less than a refused one is not credible either. Exceptions: a gust
+            // explains a part of anything, and an undetermined candidate explains nothing for certain.
             if !is_event(&alternative.candidate) && !matches!(decision, Decision::Undetermined(_)) {
                 overshadowing = overshadowing.max(alternative.delta_bic);
             }
@@ -109,7 +110,7 @@ impl Search<'_, '_, '_> {
                     self.refuse(alternative, why);
                 }
                 Decision::Undetermined(why) => {
-                    // Beside it, what explains less was not even fitted.
+                    // While it is in the library, candidates with a smaller gain were not even fitted.
                     let hides = alternative.delta_bic > OVERSHADOWED_BIC;
                     library.retain(|c| !hides || c.name() != alternative.candidate.name());
                     self.refuse(alternative, why);
@@ -120,7 +121,7 @@ impl Search<'_, '_, '_> {
         best
     }
 
-    /// Remembers why an alternative was refused, each once.
+    /// Records why an alternative was refused, once per candidate.
     fn refuse(&mut self, alternative: Alternative, why: String) {
         let name = alternative.candidate.name();
         if let Some(at) = self.refused.iter().position(|t| t.candidate.name() == name) {
@@ -129,8 +130,8 @@ impl Search<'_, '_, '_> {
         self.refused.push(Refused::new(alternative, why));
     }
 
-    /// Tests every term beside all others, exchanges it where a rival is better, and drops it where the others do
-    /// without; after every change from the first one on. The evidence of the terms that stay.
+    /// Tests every term beside all others, exchanges it where a rival is better, and drops it where the
+    /// others suffice; repeats after every change. Returns the evidence of the remaining terms.
     fn settle(&mut self) -> Result<Vec<Accepted>, ModelError> {
         let mut accepted = Vec::new();
         let mut exchanges = 0;
@@ -164,14 +165,14 @@ impl Search<'_, '_, '_> {
                 accepted.clear();
                 continue;
             }
-            // What the record does not determine explains nothing as well.
+            // An undetermined rival does not explain as much.
             let determined = |r: &&Rival| {
                 let fitted = in_its_place(&reduced, &without, &own, r);
                 let decision = fitted.map(|t| decide(&reduced, &without, &t, self.hypotheses));
                 !matches!(decision, Some(Decision::Undetermined(_)))
             };
-            // Of two that the record is too short to tell apart, either is the cause where there is no other; beside another, that
-            // there is a second one is less likely from the start than that there is none.
+            // Of two causes that a short record cannot distinguish, either is named if it is the only cause;
+            // beside another cause, a second one is less likely a priori than none.
             let alone = self.model.terms.len() == 1;
             let excluding = |r: &&Rival| if alone { r.excludes() } else { r.is_as_good() };
             if let Some(rival) = rivals.iter().filter(excluding).find(determined) {
@@ -208,10 +209,11 @@ impl Search<'_, '_, '_> {
 }
 
 impl<'r, 'd> Search<'r, 'd, '_> {
-    /// The model with one cause in the place of two of the same signal, where it does as well: a mode of an actuator is
-    /// like a gain and a delay together, and what is chosen first is seldom left.
+    /// The model with one cause in place of two of the same signal, where it does as well: a mode of an
+    /// actuator resembles a gain and a delay together, and an early choice is seldom revised.
     fn merged(&self) -> Result<Option<(Model<'r, 'd>, Fit)>, ModelError> {
-        // One cause is likelier beforehand than two: of as many names there are (Chen and Chen 2008, extended BIC).
+        // One cause is a priori more likely than two, depending on the number of names (Chen and Chen 2008,
+        // extended BIC).
         let name = 2.0 * (self.space.library.len().max(1) as f64).ln();
         let terms = &self.model.terms;
         let pairs = (0..terms.len()).flat_map(|i| (i + 1..terms.len()).map(move |j| (i, j)));
@@ -240,8 +242,9 @@ impl<'r, 'd> Search<'r, 'd, '_> {
     }
 }
 
-/// The least of the causes, where it gains so little beside the largest that it may only mend its shape: motors are no lag
-/// of first order. Where the noise is declared and the vehicle runs free, what such a misfit leaves shows as one.
+/// The smallest cause, where its gain is so small beside the largest that it may only correct the latter's
+/// shape: motors are not exactly first-order lags. Where the noise is declared and the vehicle runs free, the
+/// lack-of-fit test detects such a misfit instead.
 fn rider(accepted: &[Accepted], data: &Data) -> Option<usize> {
     let declared = data.channels.iter().all(|c| c.declared > 0.0);
     (data.memory_s.is_some() || !declared).then_some(())?;
@@ -251,7 +254,7 @@ fn rider(accepted: &[Accepted], data: &Data) -> Option<usize> {
     (gain(&least) < RIDER_SHARE * largest).then_some(least)
 }
 
-/// The model without a term, fitted.
+/// The model without a term, refitted.
 fn without<'r, 'd>(
     model: &Model<'r, 'd>,
     fit: &Fit,
@@ -266,8 +269,8 @@ fn without<'r, 'd>(
     Ok((reduced, without))
 }
 
-/// A term of a model as a alternative beside the others, found anew from where these end up without it. Where the way back from
-/// there is lost (an input that never moves), from where the model is.
+/// A term of a model as an alternative beside the others, refitted from where these end up without it. Where
+/// that refit is lost (an input that never moves), from the current values.
 fn own_alternative(
     reduced: &Model<'_, '_>,
     without: &Fit,
@@ -287,7 +290,7 @@ fn own_alternative(
     joined(reduced, without, candidate, values, Effort::Full)
 }
 
-/// A rival in a cause's place: the other values start where the cause has left them.
+/// Fits a rival in a cause's place: other values start from those fitted with the cause.
 fn in_its_place(
     reduced: &Model<'_, '_>,
     without: &Fit,
@@ -300,7 +303,7 @@ fn in_its_place(
     joined(reduced, without, &rival.candidate, values, Effort::Full)
 }
 
-/// Exchanges terms for better ones beside the others, and drops those that the others do without.
+/// Exchanges terms for better ones beside the others, and drops those without which the others suffice.
 fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, surveys: &mut SurveyCache) {
     if model.terms.len() < 2 || space.watch.is_stopped() {
         return;
@@ -308,7 +311,7 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, s
     let data = model.free_run.data;
     let likely = surveys.likely(space.library);
     let space = &SearchSpace { library: &likely, ..*space };
-    // The newest was the best beside the others already.
+    // The newest term was already the best beside the others.
     let mut term = 0;
     while term + 1 < model.terms.len() {
         let Ok((reduced, without)) = without(model, fit, term) else { return };
@@ -337,12 +340,13 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, s
     }
 }
 
-/// True for what happens once.
+/// True for an effect that happens once (an event).
 fn is_event(candidate: &Candidate) -> bool {
     matches!(candidate.kind, Kind::StepDisturbance | Kind::PulseDisturbance)
 }
 
-/// Whether one more cause may be named. Harmonics and aliases make several tones of one narrow-band noise: they count apart.
+/// True when one more cause may be named. Harmonics and aliases make several tones of one narrow-band noise:
+/// tones are counted separately.
 fn room(model: &Model<'_, '_>, candidate: &Candidate, most: usize) -> bool {
     let tone = |c: &Candidate| matches!(c.kind, Kind::Vibration | Kind::PeriodicDisturbance);
     model.terms.iter().filter(|t| tone(t) == tone(candidate)).count() < most

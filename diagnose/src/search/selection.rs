@@ -1,4 +1,4 @@
-//! What a search came to: the accepted causes with their fit, and what of them is kept.
+//! Result of a search: the accepted causes with their fit, and the refused candidates.
 
 use crate::candidates::library::Candidate;
 use crate::model::fit::{Fit, Model};
@@ -8,55 +8,55 @@ use crate::search::alternative::Alternative;
 use crate::thresholds::RIDER_SHARE;
 use whirlstand_vehicle::Kind;
 
-/// An accepted term.
+/// Evidence and rivals of an accepted term.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Accepted {
-    /// Evidence.
+    /// Statistical evidence.
     pub evidence: TermEvidence,
     /// Rivals, nearest first.
     pub rivals: Vec<Rival>,
 }
 
-/// A candidate that was not accepted. Of its fit only the values are kept: all of it would be as large as the record, several
-/// times for each candidate.
+/// A candidate that was not accepted. Only the values of its fit are kept, as whole fits of all candidates
+/// would fill the memory.
 #[derive(Debug, Clone)]
 pub struct Refused {
-    /// The candidate.
+    /// The candidate effect.
     pub candidate: Candidate,
-    /// The values of the model with it, its own last; `None` when it was not worth a fit.
+    /// Values of the model with the candidate, its own last; `None` when it was not worth a fit.
     pub values: Option<Vec<f64>>,
-    /// The model's terms beside it.
+    /// The other terms of the model.
     pub beside: Vec<Candidate>,
-    /// Gain in BIC over the model without it: by the fit, or estimated from the score.
+    /// Gain in BIC over the model without the candidate, from the fit or estimated from the score.
     pub delta_bic: f64,
-    /// Why it was not accepted.
+    /// Reason for the refusal.
     pub why: String,
 }
 
 impl Refused {
-    /// An alternative that is not accepted, and why.
+    /// The refused candidate of an alternative, with the reason.
     pub fn new(Alternative { candidate, fit, beside, delta_bic, .. }: Alternative, why: String) -> Self {
         Self { candidate, values: fit.map(|fit| fit.values), beside, delta_bic, why }
     }
 }
 
-/// What the search came to.
+/// Result of a search for causes.
 #[derive(Debug, Clone)]
 pub struct Selection<'r, 'd> {
     /// The model with all accepted terms.
     pub model: Model<'r, 'd>,
-    /// Its fit.
+    /// The fit of the model.
     pub fit: Fit,
     /// The fit without any term.
     pub null: Fit,
-    /// Evidence of each term.
+    /// Evidence of each accepted term.
     pub accepted: Vec<Accepted>,
-    /// Candidates beside the accepted ones that were not accepted; nearest first.
+    /// Candidates that were refused beside the accepted ones, nearest first.
     pub refused: Vec<Refused>,
 }
 
 impl<'r, 'd> Selection<'r, 'd> {
-    /// A selection that has not looked for anything.
+    /// A selection without any term.
     ///
     /// # Errors
     /// When the vehicle cannot be simulated over the record.
@@ -67,8 +67,8 @@ impl<'r, 'd> Selection<'r, 'd> {
 }
 
 impl Selection<'_, '_> {
-    /// The selection without its causes, fitted anew; `None` when there are none. A tone is believed whatever else there is.
-    /// `start` are the values without any cause.
+    /// The selection without its causes, refitted; `None` when there are none. Tones are kept, as they are
+    /// credible whatever else there is. `start` are the values without any cause.
     pub fn without_causes(&self, start: Vec<f64>) -> Option<Self> {
         let tone = |c: &Candidate| c.kind == Kind::Vibration;
         self.model.terms.iter().any(|c| !tone(c)).then_some(())?;
@@ -79,7 +79,8 @@ impl Selection<'_, '_> {
         Some(kept)
     }
 
-    /// The selection without causes of which what is `left` is more than a misfit, fitted anew; `None` when there are none.
+    /// The selection without causes that are too small for the lack of fit `left` to be just their misfit,
+    /// refitted; `None` when there are none.
     pub fn beyond(&self, left: f64) -> Option<Self> {
         let enough = |a: &Accepted| RIDER_SHARE * a.evidence.detectability >= left;
         (!self.accepted.iter().all(enough)).then_some(())?;
@@ -90,12 +91,12 @@ impl Selection<'_, '_> {
         Some(kept)
     }
 
-    /// Drops the terms that are not wanted, with their values and their evidence; the fit is not made anew.
+    /// Drops the unwanted terms with their values and evidence, without a refit.
     pub fn keep(&mut self, wanted: impl Fn(&Candidate) -> bool) {
         self.keep_terms(|_, candidate, _| wanted(candidate));
     }
 
-    /// As [`Selection::keep`], by the number and the values too.
+    /// Drops terms as [`Selection::keep`], selected also by their index and values.
     pub fn keep_terms(&mut self, wanted: impl Fn(usize, &Candidate, &[f64]) -> bool) {
         for term in (0..self.model.terms.len()).rev() {
             let range = self.model.range(term);

@@ -1,4 +1,4 @@
-//! The survey: every candidate weighed against the residual of a model, the best of them fitted.
+//! The survey: scores every candidate against the residual of a model, and fits the best of them.
 
 use crate::thresholds::{
     DISTANT_TRANSITION_SCORE, FITTED, FITTED_BEHIND_BIC, FITTED_BEHIND_SHARE, FITTED_NEAR_BIC, GLANCED,
@@ -18,7 +18,7 @@ use crate::search::alternative::{Alternative, SearchSpace, fitted, fitted_with};
 use crate::search::survey_order::{once, simpler_first};
 use whirlstand_ident::watch::{Counter, Watch};
 
-/// A signature at one start, and how well it does in a score test.
+/// A signature at one start, with its result in a score test.
 #[derive(Debug, Clone)]
 struct ScoredStart {
     start: usize,
@@ -27,7 +27,8 @@ struct ScoredStart {
     score_test: usize,
 }
 
-/// Weighs every candidate of the space, and events and tones that the residual suggests. Best first.
+/// Scores every candidate of the search space, and the events and tones that the residual suggests. Best
+/// first.
 pub fn survey(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<Alternative> {
     let score_tests = score_tests(model, fit, space);
     let candidates = candidates(model, fit, space, &score_tests);
@@ -51,8 +52,8 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<
     alternatives.filter(|t| names.insert(t.candidate.name())).collect()
 }
 
-/// Where an effect is strong, the noise model fitted to its own traces hides it; white noise of the declared size does
-/// not. Both are asked, the likelihood with a noise model fitted anew decides.
+/// Score tests under two noise models: where an effect is strong, a noise model fitted to its traces hides
+/// it; white noise of the declared size does not. The likelihood with a refitted noise model decides.
 fn score_tests<'d>(model: &Model<'_, 'd>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<ScoreTest<'d>> {
     let (data, noise) = (model.free_run.data, &fit.profile.noise);
     let mut score_tests = vec![ScoreTest::new(data, noise, &fit.residual, &fit.columns)];
@@ -64,7 +65,7 @@ fn score_tests<'d>(model: &Model<'_, 'd>, fit: &Fit, space: &SearchSpace<'_>) ->
     score_tests
 }
 
-/// The library without what the model has already, and the events and tones that the residual suggests.
+/// The library without the terms of the model, plus the events and tones that the residual suggests.
 fn candidates(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -75,7 +76,7 @@ fn candidates(
     let mut candidates: Vec<Candidate> = space.library.iter().filter(|c| !known(c)).cloned().collect();
     let responses = Responses::new(model, fit, space.sizes);
     for score_test in score_tests {
-        // An event of one of several records is none of the others.
+        // An event of one of several records cannot be an event of the others.
         if model.free_run.data.starts.len() == 1 {
             candidates.extend(events::events(model, score_test, space.sizes, &responses));
         }
@@ -84,8 +85,8 @@ fn candidates(
     candidates
 }
 
-/// The best start of every candidate and its gain in BIC: with the noise fitted anew for the promising ones, by the score
-/// for the others.
+/// The best start of every candidate and its gain in BIC: with refitted noise for promising candidates, by
+/// the score for the others.
 fn profiles(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -109,7 +110,7 @@ fn profiles(
         for scored in &starts {
             let score_test = &score_tests[scored.score_test];
             let (gain, values) = if !promising || watch.is_stopped() {
-                // The first test is that of the fit itself.
+                // The first test uses the noise model of the fit itself.
                 let gain = if scored.score_test == 0 { scored.score - cost } else { -cost };
                 (gain, start(&candidate, scored))
             } else if candidate.kind == Kind::ModeTransition {
@@ -130,20 +131,21 @@ fn profiles(
     scored.into_par_iter().zip(promising).map(profile).collect()
 }
 
-/// What a few steps of a fit came to.
+/// Result of a few steps of a fit.
 struct Glance {
-    /// Place among the alternatives.
+    /// Index of the alternative.
     i: usize,
-    /// The candidate's own values.
+    /// Values of the candidate's parameters.
     own: Vec<f64>,
-    /// Gain in BIC that may be hoped for: a few steps from a start may end far from what the signature has promised, and the
-    /// promise counts until it is fitted.
+    /// Possible gain in BIC: a few steps from a start may end far from the gain that the score predicts,
+    /// which counts until the candidate is fitted.
     promise: f64,
-    /// Gain in BIC that is certain.
+    /// Gain in BIC reached so far.
     sure: f64,
 }
 
-/// Fits the likeliest: a few steps for the first ones, to the optimum for those of them that promise as much as the best.
+/// Fits the most likely candidates: the first ones by a few steps, then to the optimum those whose possible
+/// gain is as large as the best.
 fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, Vec<f64>)], watch: &Watch) {
     let glance = |(i, (t, start)): (usize, &(Alternative, Vec<f64>))| {
         let glance = fitted_with(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
@@ -177,7 +179,7 @@ fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, 
     }
 }
 
-/// Which candidates are among the best of any score test.
+/// Indices of the candidates among the best of any score test.
 fn promising(weighed: &[(Candidate, Vec<ScoredStart>)], score_tests: usize, rate_hz: f64) -> Vec<bool> {
     let mut promising = vec![false; weighed.len()];
     for score_test in 0..score_tests {
@@ -187,8 +189,8 @@ fn promising(weighed: &[(Candidate, Vec<ScoredStart>)], score_tests: usize, rate
         order.sort_by(|a, b| score(*b).total_cmp(&score(*a)));
         order.iter().take(PROFILED).for_each(|i| promising[*i] = true);
     }
-    // A noise model can hold a tone so well that only one fitted without it shows the tone. In the lower half of the band
-    // commands make what looks like tones.
+    // A noise model can absorb a tone so well that only a model fitted without it shows the tone. In the
+    // lower half of the band commands imitate tones.
     let tone = |i: &usize| {
         let candidate = &weighed[*i].0;
         let high = candidate.starts[0].first().is_some_and(|f| *f > 0.25 * rate_hz);
@@ -211,12 +213,13 @@ fn scored_starts(
         for (f, score_test) in score_tests.iter().enumerate() {
             let mut look = score_test.score(&signature);
             if candidate.kind == Kind::ModeTransition {
-                // It has one size only. Far from the true time it may be too much even so: then its shape must do.
+                // The effect has a fixed size. Far from the true time that may be too much: then only its
+                // shape is used.
                 let whole = score_test.whole(&signature);
                 look.amplitude = if whole > 0.0 { 1.0 } else { look.amplitude };
                 look.score = if whole > 0.0 { whole } else { look.score.min(DISTANT_TRANSITION_SCORE) };
             }
-            // A delay cannot be negative: what points the other way is no sign of it.
+            // A delay cannot be negative: a response of the opposite sign is no evidence for it.
             if look.amplitude <= 0.0 && !two_sided(candidate) {
                 continue;
             }
@@ -229,7 +232,7 @@ fn scored_starts(
     best.into_iter().flatten().collect()
 }
 
-/// True when the response may be turned round.
+/// True when the response may have either sign.
 fn two_sided(candidate: &Candidate) -> bool {
     candidate.linear && candidate.tunables.last().is_some_and(|t| t.lower < candidate.null)
 }
@@ -243,7 +246,7 @@ fn signature(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, values: &[
     Some(samples)
 }
 
-/// Where a fit starts: at the amplitude that the score suggests where the response is proportional to it.
+/// Start values of a fit: at the amplitude of the score where the response is proportional to it.
 fn start(candidate: &Candidate, scored: &ScoredStart) -> Vec<f64> {
     let mut values = candidate.starts[scored.start].clone();
     if candidate.linear
@@ -255,7 +258,7 @@ fn start(candidate: &Candidate, scored: &ScoredStart) -> Vec<f64> {
     values
 }
 
-/// Gain in BIC when the signature is taken off at its amplitude and the noise fitted anew.
+/// Gain in BIC when the signature is subtracted at its amplitude and the noise refitted.
 fn profiled(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -272,8 +275,8 @@ fn profiled(
     Some(fit.profile.bic(0) - profile.bic(candidate.tunables.len()))
 }
 
-/// Where in time a transition does best, and its gain in BIC: all starts, then a search by halves, as a fit by derivatives
-/// would stay at the nearest hump.
+/// Time at which a transition has the largest gain in BIC, and that gain: all starts, then a search by
+/// bisection, as a gradient-based fit would stay at the nearest local maximum.
 fn located(
     model: &Model<'_, '_>,
     fit: &Fit,

@@ -1,4 +1,4 @@
-//! What was surveyed already.
+//! Cache of surveys.
 
 use crate::candidates::library::Candidate;
 use crate::model::fit::{Fit, Model};
@@ -6,7 +6,7 @@ use crate::search::alternative::{Alternative, SearchSpace};
 use crate::search::survey::survey;
 use crate::thresholds::REMEMBERED;
 
-/// A surveyed candidate, without the weight of its fit.
+/// A surveyed candidate without its fit, which would need much memory.
 #[derive(Debug, Clone)]
 pub(crate) struct Surveyed {
     pub candidate: Candidate,
@@ -30,17 +30,18 @@ impl From<&Alternative> for Surveyed {
     }
 }
 
-/// What was surveyed beside which terms: the search comes back to the same terms in the end.
+/// Results of surveys by the terms of the model: the search returns to the same terms in the end.
 #[derive(Debug, Default)]
 pub(crate) struct SurveyCache(Vec<(Vec<Candidate>, Vec<Surveyed>)>);
 
-/// The same effects, with the same values open, in the same order: then fitted values mean the same.
+/// True for the same effects with the same free parameters in the same order, so that fitted values
+/// correspond.
 fn same(a: &[Candidate], b: &[Candidate]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.is_same(b))
 }
 
 impl SurveyCache {
-    /// SurveyCache, and remembers.
+    /// Surveys candidates and stores the result.
     pub fn survey(&mut self, model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<Alternative> {
         let alternatives = survey(model, fit, space);
         let seen = alternatives.iter().map(Surveyed::from).collect();
@@ -49,7 +50,7 @@ impl SurveyCache {
         alternatives
     }
 
-    /// Candidates that were near the front beside any terms.
+    /// Candidates that ranked high beside any terms.
     pub fn likely(&self, library: &[Candidate]) -> Vec<Candidate> {
         let front: std::collections::HashSet<String> = self
             .0
@@ -59,7 +60,7 @@ impl SurveyCache {
         library.iter().filter(|c| front.contains(&c.name())).cloned().collect()
     }
 
-    /// What was surveyed beside these terms; surveys where nothing was.
+    /// The stored survey beside these terms; surveys where none is stored.
     pub fn known(&mut self, model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<Surveyed> {
         if !self.0.iter().any(|(known, _)| same(known, &model.terms)) {
             self.survey(model, fit, space);
@@ -75,7 +76,7 @@ mod tests {
     use crate::candidates::library::{Candidate, Sizes, library};
     use whirlstand_vehicle::{Kind, Vehicle};
 
-    /// Values beside a limit of one side have another number, and mean something else, than beside limits of both.
+    /// A one-sided limit has another number of values, with another meaning, than two-sided limits.
     #[test]
     fn variants_of_one_effect_and_other_orders_are_not_the_same_terms() {
         let vehicle = Vehicle::builtin("quadrotor").unwrap();

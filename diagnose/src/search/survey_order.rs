@@ -1,12 +1,13 @@
-//! The order of what was surveyed: each once, and the simpler of two that are the same thing first.
+//! Order of surveyed candidates: each once, and the simpler of two equivalent ones first.
 
 use crate::model::fit::{Effort, Fit, Model};
 use crate::search::alternative::{Alternative, SearchSpace, joined};
 use crate::search::equivalence::{simpler, single};
 use whirlstand_vehicle::Kind;
 
-/// Where the best is the same thing as something simpler, that comes first. With one input and one output, a delay of the
-/// one is a delay of the other: then it is the input's. A tone that no other output follows is the sensor's.
+/// Puts the simpler candidate first where the best is equivalent to it. With one input and one output, a
+/// delay of the input is equivalent to one of the output and is attributed to the input. A tone that no other
+/// output follows is attributed to the sensor.
 pub(super) fn simpler_first(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -16,7 +17,8 @@ pub(super) fn simpler_first(
     let data = model.free_run.data;
     let Some((first, _)) = alternatives.first() else { return };
     let Some((kind, same)) = simpler(first.candidate.kind, first.delta_bic, data) else { return };
-    // On coarse samples the likelihood of a delay has humps: the twin starts where the best has ended.
+    // On coarse samples the likelihood of a delay has local maxima: the equivalent starts where the best has
+    // ended.
     let again = first.fit.as_ref().filter(|_| single(data) && kind != Kind::Vibration).and_then(|best| {
         let candidate = space.library.iter().find(|c| c.kind == kind)?;
         joined(model, fit, candidate, best.values.clone(), Effort::Full)
@@ -34,7 +36,8 @@ pub(super) fn simpler_first(
     }
 }
 
-/// Both score tests often suggest the same event or tone: once is enough. Sorted, the better one stays.
+/// Removes duplicates: both score tests often suggest the same event or tone. In a sorted list the better one
+/// stays.
 pub(super) fn once(alternatives: &mut Vec<(Alternative, Vec<f64>)>) {
     let mut kept: Vec<(String, Vec<f64>, f64)> = Vec::new();
     alternatives.retain(|(alternative, start)| {
@@ -44,7 +47,7 @@ pub(super) fn once(alternatives: &mut Vec<(Alternative, Vec<f64>)>) {
             other.len() == start.len()
                 && pairs.all(|((a, b), t)| t.size || t.name == "phase_rad" || (a - b).abs() <= 3.0 * t.scale)
         };
-        // The score of one whose noise was fitted anew is the same when it is the same.
+        // A candidate whose noise was refitted has the same score when it is the same.
         let known = kept
             .iter()
             .any(|(n, other, bic)| *n == name && near(other) && (bic - alternative.delta_bic).abs() < 1.0);

@@ -1,4 +1,4 @@
-//! Baseline: the vehicle as it was given, what its free run says of the channels, and what could be wrong with it.
+//! Baseline stage: the given vehicle, its fit to the channels, and the candidates.
 
 use whirlstand_logs::stats::rms;
 use whirlstand_vehicle::{Free, Kind, Vehicle};
@@ -17,25 +17,27 @@ use crate::model::free_run::{FreeRun, ModelError};
 use crate::search::alternative::SearchSpace;
 use crate::thresholds::MAX_CAUSES;
 
-/// All that the search needs: nothing of it changes any more.
+/// Everything that the search needs; it does not change afterwards.
 #[derive(Debug, Clone)]
 pub(crate) struct Baseline<'a> {
     pub checked: Checked<'a>,
-    /// Free parameters that are estimates.
+    /// Free parameters that may be refitted.
     pub free: Vec<Free>,
-    /// Standard deviations of the channels' noise as the vehicle declares it, rounding included; 0 where it says nothing.
+    /// Standard deviations of the channels' declared noise, rounding included; 0 where none is declared.
     pub declared: Vec<f64>,
     pub sizes: Sizes,
     pub library: Vec<Candidate>,
-    /// Samples that counted before wild values were set aside.
+    /// Samples that counted before outliers were excluded.
     pub good: Vec<Vec<bool>>,
-    /// Nothing can be looked for: the data themselves are wrong.
+    /// True when the data themselves are wrong, so that no cause can be searched for.
     pub blocked: bool,
 }
 
 impl<'a> Baseline<'a> {
+    /// Builds the baseline of checked records.
+    ///
     /// # Errors
-    /// What was checked, when the given vehicle's free run leaves all bounds.
+    /// Returns the checked records when the given vehicle's free run diverges.
     pub fn new(mut checked: Checked<'a>) -> Result<Self, Box<(Checked<'a>, ModelError)>> {
         let vehicle = checked.loaded.vehicle;
         let first = match first_fit(&mut checked) {
@@ -71,7 +73,7 @@ impl<'a> Baseline<'a> {
         self.checked.loaded.vehicle
     }
 
-    /// What the search may use.
+    /// Inputs of the search.
     pub fn space(&self) -> SearchSpace<'_> {
         let (library, sizes, declared) = (&self.library, &self.sizes, &self.declared);
         let watch = &self.checked.loaded.options.watch;
@@ -83,7 +85,7 @@ impl<'a> Baseline<'a> {
         Model { free_run, free: &self.free, terms: Vec::new() }
     }
 
-    /// Values without any cause: states at rest, free parameters as the vehicle has them.
+    /// Parameter values without any cause: states at rest, free parameters as the vehicle has them.
     pub fn start(&self) -> Vec<f64> {
         let vehicle = self.vehicle();
         let states = vehicle.states.len() * self.data().starts.len();
@@ -92,12 +94,12 @@ impl<'a> Baseline<'a> {
     }
 }
 
-/// Fits the initial states of the given vehicle, and checks the channels and inputs against its free run.
+/// Fits the initial states of the given vehicle, and checks channels and inputs against its free run.
 fn first_fit(checked: &mut Checked<'_>) -> Result<Fit, ModelError> {
     let free_run = FreeRun::new(checked.loaded.vehicle, &checked.data);
     let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
     let fit = model.fit(vec![0.0; free_run.initials()], None, None)?;
-    // In wrong units or sizes, nothing else of the channels means anything.
+    // With wrong units or sizes, other checks of the channels are meaningless.
     if checked.found.iter().any(|f| f.kind == "unit" || f.kind == "size") {
         return Ok(fit);
     }
@@ -112,7 +114,7 @@ fn first_fit(checked: &mut Checked<'_>) -> Result<Fit, ModelError> {
     Ok(fit)
 }
 
-/// Which free parameters are estimates.
+/// Free parameters that may be refitted.
 fn free(vehicle: &Vehicle, options: &Options) -> Vec<Free> {
     let estimated = options.refit.unwrap_or(!vehicle.provenance.is_empty());
     if estimated { vehicle.free.clone() } else { Vec::new() }
@@ -124,7 +126,7 @@ fn sizes(free_run: &FreeRun<'_>, fit: &Fit, declared: &[f64]) -> Sizes {
     let states = run.unwrap_or_else(|_| vec![Vec::new(); free_run.states()]);
     let peak = |v: &[f64]| v.iter().fold(0.0f64, |m, x| m.max(x.abs()));
     let slope = |v: &Vec<f64>| {
-        // Between two records nothing moved.
+        // The interval between two records contains no motion.
         let within = v.windows(2).enumerate().filter(|(k, _)| !data.starts.contains(&(k + 1)));
         rms(&within.map(|(_, w)| (w[1] - w[0]) / data.period_s).collect::<Vec<_>>())
     };
@@ -148,11 +150,11 @@ fn sizes(free_run: &FreeRun<'_>, fit: &Fit, declared: &[f64]) -> Sizes {
     }
 }
 
-/// Standard deviations of the channels' noise with what rounding adds to it.
+/// Standard deviations of the channels' noise, with rounding noise added.
 fn with_rounding(mut expected: Vec<f64>, samples: &[SampleEffect]) -> Vec<f64> {
     for effect in samples.iter().filter(|e| e.kind == Kind::Quantization) {
         let step = effect.parameters.get("step").map_or(0.0, |v| v.0);
-        // Nothing is expected where nothing is declared.
+        // No noise is expected where none is declared.
         let own = &mut expected[effect.channel];
         *own = if *own > 0.0 { own.hypot(step / 12.0f64.sqrt()) } else { 0.0 };
     }

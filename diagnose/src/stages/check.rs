@@ -1,4 +1,4 @@
-//! Check: what single samples and the inputs show, whatever the model.
+//! Check stage: findings on single samples and on the inputs that need no model.
 
 use super::load::Loaded;
 use crate::answer::DataFinding;
@@ -6,7 +6,7 @@ use crate::data::checks;
 use crate::data::record::Data;
 use crate::data::sample_effects::{SampleEffect, measured_effects};
 
-/// Records whose bad samples are set aside.
+/// Records with their bad samples excluded.
 #[derive(Debug, Clone)]
 pub(crate) struct Checked<'a> {
     pub loaded: &'a Loaded<'a>,
@@ -26,7 +26,7 @@ impl<'a> Checked<'a> {
         Self { loaded, data, found, samples }
     }
 
-    /// True when no cause can be looked for.
+    /// True when no cause can be searched for.
     pub fn is_blocked(&self) -> bool {
         self.found.iter().any(|f| f.blocking)
     }

@@ -1,4 +1,4 @@
-//! Findings: all that was found, the vehicle that it makes, and what that gains.
+//! Findings stage: everything that was found, the extended vehicle, and its improvement.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +10,12 @@ use crate::answer::Estimate;
 use crate::answer::gains::{Gains, gains, output_error};
 use crate::residual::narrow_band;
 
-/// All that was found, before it is put into words.
+/// Everything that was found, before it is put into words.
 #[derive(Debug)]
 pub(crate) struct Findings<'r> {
     pub baseline: &'r Baseline<'r>,
     pub residual: Residual<'r>,
-    /// The vehicle with everything that was found; `None` when that is nothing.
+    /// The vehicle with everything that was found; `None` when nothing was.
     pub extended: Option<Vehicle>,
     pub gains: Gains,
 }
@@ -69,7 +69,7 @@ pub(crate) fn estimates(residual: &Residual<'_>, term: usize) -> BTreeMap<String
         let mut value = selection.fit.values[i];
         let mut half = covariance.as_ref().map_or(0.0, |c| 1.96 * c[(i, i)].max(0.0).sqrt());
         if matches!(tunable.name, "at_s" | "duration_s") {
-            // Within a period nothing tells times apart.
+            // Times within one period cannot be distinguished.
             half = half.max(selection.model.free_run.data.period_s);
         }
         let (mut low, mut high) = ((value - half).max(tunable.lower), (value + half).min(tunable.upper));

@@ -1,4 +1,4 @@
-//! Load: records on an even grid.
+//! Load stage: records on an even grid.
 
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
@@ -8,23 +8,23 @@ use crate::data::checks;
 use crate::data::record::{Data, coarser_period};
 use crate::{DiagnoseError, Options};
 
-/// Records as the diagnosis sees them, and what they show by themselves.
+/// Records on an even grid, with the findings on them.
 #[derive(Debug, Clone)]
 pub(crate) struct Loaded<'a> {
     pub records: &'a [Record],
     pub vehicle: &'a Vehicle,
     pub options: &'a Options,
     pub data: Data,
-    /// What clocks and numbers show.
+    /// Findings on clocks and values.
     pub found: Vec<DataFinding>,
-    /// That the record is not of this vehicle, where nothing is wrong with the channels.
+    /// Finding that the record is of another vehicle, where the channels are otherwise correct.
     pub stranger: Option<DataFinding>,
-    /// For how long the likeliest predictor remembers of those that follow the records, s, where that is asked for.
+    /// Memory of the most likely predictor that follows the records, s, where it was determined.
     pub likeliest_s: Option<f64>,
 }
 
 impl<'a> Loaded<'a> {
-    /// Reads at least one record.
+    /// Loads one or more records.
     ///
     /// # Errors
     /// When an input or every output is missing, a record is too short, or their periods differ.
@@ -40,14 +40,15 @@ impl<'a> Loaded<'a> {
         Ok(Self { records, vehicle, options, data, found, stranger: None, likeliest_s: None })
     }
 
-    /// The same for a predictor that follows the records and remembers for so long, s. Predictions ahead are those of the
-    /// likeliest.
+    /// The same records for a predictor that follows them with a memory of `memory_s`. Predictions over the
+    /// horizon use the most likely memory.
     pub fn remembering(&self, memory_s: f64, likeliest_s: f64) -> Self {
         let data = Data { memory_s: Some(memory_s), ..self.data.clone() };
         Self { data, likeliest_s: Some(likeliest_s), ..self.clone() }
     }
 
-    /// The same with the first commands of each record as they were before it: what came before a record nobody knows.
+    /// The same records with their first commands assumed to have been applied before they began: commands
+    /// before a record are unknown.
     pub fn held(&self) -> Self {
         Self { data: Data { held: true, ..self.data.clone() }, ..self.clone() }
     }

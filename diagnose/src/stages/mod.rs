@@ -1,4 +1,5 @@
-//! The stages of a diagnosis, in their order. Each is a type that holds what was found and is all that the next needs.
+//! The stages of a diagnosis, in their order. Each is a type that holds the results so far and is the input
+//! of the next.
 
 pub mod baseline;
 pub mod check;

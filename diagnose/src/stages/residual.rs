@@ -1,4 +1,4 @@
-//! Residual: what the causes leave, and whether they are believed.
+//! Residual stage: analyses the residual that the causes leave, and whether the causes are credible.
 
 use super::select::Selected;
 use crate::candidates::Candidate;
@@ -17,22 +17,22 @@ use crate::stages::baseline::Baseline;
 use crate::stages::select::rest_before;
 use whirlstand_vehicle::Kind;
 
-/// The causes that are believed, and what is random, or unexplained, beside them.
+/// The credible causes, and random or unexplained components beside them.
 #[derive(Debug)]
 pub(crate) struct Residual<'r> {
     pub selection: Selection<'r, 'r>,
     pub samples: Vec<SampleEffect>,
     pub turbulence: Option<Turbulence>,
     pub noise: Vec<(usize, ExcessNoise)>,
-    /// Lines that wander, which no tone explains.
+    /// Spectral lines of varying frequency, which no tone explains.
     pub narrow_band: Vec<NarrowBand>,
-    /// What is left, against chance.
+    /// Lack of fit of the final residual, compared with chance.
     pub lack: Option<LackOfFit>,
-    /// A force that would explain what is left, or as much as the causes that were taken back.
+    /// A force that would explain the final residual, or as much as the withdrawn causes.
     pub out_of_library: Option<ForceOnSignal>,
-    /// Causes that were found and taken back, because what they leave is not noise; with their gains in BIC.
+    /// Causes that were found and withdrawn, because their residual is not noise; with their gains in BIC.
     pub withheld: Vec<(Candidate, f64)>,
-    /// What the causes would gain in BIC had the inputs been at rest before the records.
+    /// Gain in BIC of the causes had the inputs been at rest before the records.
     pub rest_before: f64,
 }
 
@@ -41,7 +41,7 @@ impl<'r> Residual<'r> {
         let Selected { baseline, model, selection: alone } = selected;
         let space = baseline.space();
         let (mut beside, mut turbulence, mut force) = (None, None, None);
-        // A predictor that follows the record has noise on the states already.
+        // A predictor that follows the record already has process noise.
         let follows = baseline.data().memory_s.is_some();
         let watch = space.watch;
         if !baseline.blocked && !follows && !watch.is_stopped() {
@@ -51,7 +51,7 @@ impl<'r> Residual<'r> {
         let chosen = beside.as_ref().unwrap_or(&alone);
         let (mut noise, mut lack) = tested(baseline, chosen, turbulence.is_some());
         if turbulence.is_some() && lack.is_some_and(|lack| lack.is_certain()) {
-            // The turbulence was the trace of something else, and what was chosen beside it rests on it.
+            // The turbulence was the trace of something else, and the causes chosen beside it depend on it.
             (beside, turbulence) = (None, None);
             (noise, lack) = tested(baseline, &alone, false);
         }
@@ -88,8 +88,7 @@ impl<'r> Residual<'r> {
     }
 }
 
-/// Noise beyond the declared, and whether what is left is noise at all: that is asked only where all noise is declared
-/// and none is in excess.
+/// Excess noise, and the lack-of-fit test: made only where all noise is declared and none is in excess.
 fn tested(
     baseline: &Baseline<'_>,
     selection: &Selection<'_, '_>,
@@ -107,7 +106,7 @@ fn tested(
     (noise, lack)
 }
 
-/// Noise beyond the declared; coloured noise that turbulence accounts for is none.
+/// Noise beyond the declared one, without coloured noise that turbulence explains.
 fn excess(baseline: &Baseline<'_>, fit: &Fit, turbulent: bool) -> Vec<(usize, ExcessNoise)> {
     if turbulent || baseline.data().memory_s.is_some() {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! Select: the causes of the record.
+//! Select stage: searches for the causes of the record.
 
 use super::baseline::Baseline;
 use crate::data::record::Data;
@@ -9,7 +9,7 @@ use crate::search::selection::Selection;
 use crate::thresholds::BEGINNING_S;
 use whirlstand_vehicle::Kind;
 
-/// The causes that explain most, before it is asked what they leave.
+/// The causes with the largest gain, before their residual is analysed.
 #[derive(Debug, Clone)]
 pub(crate) struct Selected<'r> {
     pub baseline: &'r Baseline<'r>,
@@ -18,7 +18,7 @@ pub(crate) struct Selected<'r> {
 }
 
 impl<'r> Selected<'r> {
-    /// `free_run` is of the baseline's data.
+    /// Searches for the causes; `free_run` must be of the baseline's data.
     ///
     /// # Errors
     /// When the vehicle cannot be simulated over the record.
@@ -33,8 +33,8 @@ impl<'r> Selected<'r> {
     }
 }
 
-/// What the same causes gain in BIC when the inputs were at rest before the records. A push at the very beginning may
-/// stand for just that: it is left out.
+/// Gain in BIC of the same causes when the inputs were at rest before the records. A disturbance at the very
+/// beginning may imitate that: it is left out.
 pub(crate) fn rest_before(selection: &Selection<'_, '_>) -> f64 {
     let own = selection.model.free_run.data;
     let data = Data { held: false, ..own.clone() };

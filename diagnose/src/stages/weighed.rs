@@ -1,4 +1,4 @@
-//! Weighed: an answer, and how likely it makes the record.
+//! An answer with the likelihood by which answers are compared.
 
 use super::findings::Findings;
 use crate::answer::schema::OutputGain;
@@ -6,18 +6,18 @@ use crate::answer::{Diagnosis, compose};
 use crate::model::predictor::Likelihood;
 use crate::thresholds::LOUD_RATIO;
 
-/// An answer and what it is chosen by.
+/// An answer and the likelihood by which it is chosen.
 #[derive(Debug, Clone)]
 pub(crate) struct Weighed {
     pub answer: Diagnosis,
-    /// Likelihood of the record with all that was found; `None` where nothing was predicted.
+    /// Likelihood of the record with everything that was found; `None` without a prediction.
     pub likelihood: Option<Likelihood>,
-    /// What the causes would gain in BIC had the inputs been at rest before the records.
+    /// Gain in BIC of the causes had the inputs been at rest before the records.
     pub rest_before: f64,
-    /// The data themselves are wrong: no predictor helps.
+    /// True when the data themselves are wrong, so that no predictor helps.
     pub blocked: bool,
-    /// Of the part that was held out, half of the outputs or more are predicted better than by their means, or as well as
-    /// their declared noise allows.
+    /// True when half or more of the outputs on the held-out part are predicted better than by their means,
+    /// or as well as their declared noise allows.
     pub means_something: bool,
 }
 
@@ -36,14 +36,14 @@ impl Weighed {
         Self { answer, likelihood: Some(Likelihood { bic, rows }), rest_before, blocked, means_something }
     }
 
-    /// No prediction: nothing to weigh.
+    /// An answer without a prediction, which has no likelihood.
     pub fn nothing(answer: Diagnosis) -> Self {
         let blocked = answer.data.iter().any(|f| f.blocking);
         Self { answer, likelihood: None, rest_before: 0.0, blocked, means_something: false }
     }
 }
 
-/// True when an output is predicted no better than by its mean, though declared noise would leave room.
+/// True when an output is predicted no better than by its mean, though its declared noise would allow it.
 fn is_poor(o: &OutputGain) -> bool {
     let lost = o.rmse_after.is_none() && o.horizon_fit_after.is_some();
     let undeclared = o.noise_model_share.is_some();

@@ -1,4 +1,4 @@
-//! A comparison as data: options, figures of the outputs, signals, and errors.
+//! Result of a comparison: options, figures of the outputs, signals, and errors.
 
 use std::collections::BTreeMap;
 use whirlstand_logs::shown::ShownUnit;
@@ -9,7 +9,7 @@ use whirlstand_logs::shown::clean;
 use whirlstand_logs::spectrum::Peak;
 use whirlstand_vehicle::SimulatorError;
 
-/// Schema of [`Comparison`].
+/// Schema identifier of [`Comparison`].
 pub const COMPARISON_SCHEMA: &str = "whirlstand.comparison.v1";
 
 /// Why a record cannot be compared.
@@ -26,35 +26,35 @@ pub enum CompareError {
         outputs.first().map_or("roll", |o| o.as_str())
     )]
     NoOutput {
-        /// Where the record was read from.
+        /// Path of the record.
         origin: String,
         /// Name of the vehicle.
         vehicle: String,
-        /// Its outputs.
+        /// Names of the vehicle's outputs.
         outputs: Vec<String>,
-        /// What the record has.
+        /// Names of the signals in the record.
         available: Vec<String>,
     },
-    /// The record counts samples and no period was given.
+    /// The record is numbered by samples and no period was given.
     #[error("{origin} has no time column: give the sample period (--period SECONDS)")]
     NoClock {
-        /// Where the record was read from.
+        /// Path of the record.
         origin: String,
     },
-    /// Too few points.
+    /// The record has too few points.
     #[error(
         "{origin} has {points} points at a period of {} s; at least 16 are needed for a comparison",
         clean(*period_s)
     )]
     TooShort {
-        /// Where the record was read from.
+        /// Path of the record.
         origin: String,
-        /// Points on the grid.
+        /// Number of points on the grid.
         points: usize,
         /// Period of the grid, s.
         period_s: f64,
     },
-    /// Too many points for the memory of a usual machine.
+    /// The record has too many points for the memory of a usual machine.
     #[error(
         "{} s at a period of {} s are more than 50 million points: give a longer period",
         clean(*duration_s), clean(*period_s)
@@ -65,10 +65,10 @@ pub enum CompareError {
         /// Period of the grid, s.
         period_s: f64,
     },
-    /// An output of the vehicle is in the record, but without a value.
+    /// An output of the vehicle is in the record, but has no value.
     #[error("{origin}: {name} has no numeric value in the compared part")]
     NoValue {
-        /// Where the record was read from.
+        /// Path of the record.
         origin: String,
         /// Name of the signal.
         name: String,
@@ -87,7 +87,7 @@ pub struct CompareOptions {
     pub from_s: Option<f64>,
     /// End of the compared part, s of the record's clock.
     pub until_s: Option<f64>,
-    /// How far the short predictions look ahead, s.
+    /// Horizon of the short predictions, s.
     pub horizon_s: f64,
 }
 
@@ -100,11 +100,11 @@ impl Default for CompareOptions {
 /// A vehicle's simulation compared with a record.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
-    /// Always [`COMPARISON_SCHEMA`].
+    /// Schema identifier, always [`COMPARISON_SCHEMA`].
     pub schema: String,
     /// The verdict in a sentence.
     pub verdict: String,
-    /// Where the record was read from.
+    /// Path of the record.
     pub record: String,
     /// Name of the vehicle.
     pub vehicle: String,
@@ -116,11 +116,11 @@ pub struct Comparison {
     pub period_s: f64,
     /// Number of points compared.
     pub samples: usize,
-    /// How far the short predictions look ahead, s.
+    /// Horizon of the short predictions, s.
     pub horizon_s: f64,
     /// True when the free run diverged, so that only short predictions could be compared.
     pub diverged: bool,
-    /// How the initial state was found.
+    /// Method by which the initial state was found.
     pub initial_state_method: String,
     /// Initial state of the free run, by name, SI.
     pub initial_state: BTreeMap<String, f64>,
@@ -128,9 +128,9 @@ pub struct Comparison {
     pub outputs: BTreeMap<String, OutputComparison>,
     /// Outputs of the vehicle that the record does not have.
     pub not_compared: Vec<String>,
-    /// What else should be known about the record: gaps, uneven sampling.
+    /// Remarks on the record: gaps, uneven sampling.
     pub remarks: Vec<String>,
-    /// The signals themselves, for the report.
+    /// Signals for the report.
     #[serde(skip)]
     pub series: Series,
 }
@@ -149,7 +149,7 @@ pub struct OutputComparison {
     pub rmse: Option<f64>,
     /// Mean of the residual (measured minus simulated).
     pub bias: Option<f64>,
-    /// Pearson's correlation of measured and simulated; blind to gain and offset.
+    /// Pearson correlation of measured and simulated values; insensitive to gain and offset.
     pub correlation: Option<f64>,
     /// Standard deviation of the noise that the vehicle file declares for the sensor.
     pub declared_noise: f64,
@@ -157,17 +157,17 @@ pub struct OutputComparison {
     pub horizon_fit: Option<f64>,
     /// Root of the mean square error of the predictions over the horizon.
     pub horizon_rmse: Option<f64>,
-    /// Where the residual is greatest.
+    /// The part of the record with the largest mean square residual.
     pub worst: Option<Interval>,
-    /// Rms residual in the last tenth of the record over the rms residual before.
+    /// Ratio of the rms residual in the last tenth of the record to the rms residual before.
     pub growth: Option<f64>,
-    /// Lines in the spectrum of the residual, strongest first.
+    /// Peaks in the spectrum of the residual, strongest first.
     pub lines: Vec<Peak>,
     /// Mean square residual in twenty equal parts of the record: the quadratic error over time.
     pub quadratic_error: Vec<Interval>,
 }
 
-/// A part of the record and the residual in it.
+/// A part of the record and the mean square residual in it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// Start, s of the record's clock.
@@ -183,27 +183,27 @@ pub struct Interval {
 pub struct Series {
     /// Time, s of the record's clock.
     pub t: Vec<f64>,
-    /// Inputs: name, SI unit and applied values, one a point.
+    /// Inputs: name, SI unit and applied values, one value per point.
     pub inputs: Vec<(String, ShownUnit, Vec<f64>)>,
     /// Outputs in the vehicle's order.
     pub outputs: Vec<OutputSeries>,
 }
 
-/// The signals of one output, NaN where there is none.
+/// The signals of one output, NaN where there is no value.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OutputSeries {
-    /// Name.
+    /// Name of the output.
     pub name: String,
     /// Measured values, SI.
     pub measured: Vec<f64>,
     /// Values of the free run, SI.
     pub simulated: Vec<f64>,
-    /// Measured minus predicted over the horizon, SI.
+    /// Error of the predictions over the horizon (measured minus predicted), SI.
     pub prediction_error: Vec<f64>,
 }
 
 impl Comparison {
-    /// The outputs in the vehicle's order: name and figures.
+    /// Names and figures of the outputs, in the vehicle's order.
     pub fn ordered(&self) -> impl Iterator<Item = (&str, &OutputComparison)> {
         self.series.outputs.iter().filter_map(|s| Some((s.name.as_str(), self.outputs.get(&s.name)?)))
     }

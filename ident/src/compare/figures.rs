@@ -1,4 +1,4 @@
-//! Figures of one output.
+//! Figures that compare one output with its simulation.
 
 use super::comparison::{Interval, OutputComparison, OutputSeries};
 use super::grid::Grid;
@@ -6,7 +6,7 @@ use whirlstand_logs::shown::ShownUnit;
 use whirlstand_logs::spectrum::{Spectrum, peaks, welch};
 use whirlstand_logs::stats::{correlation, mean, median, rms};
 
-/// Figures of one output from its signals.
+/// Computes the figures of one output from its signals.
 pub fn figures(
     grid: &Grid,
     signals: &OutputSeries,
@@ -69,7 +69,7 @@ fn fit(measured: &[f64], residual: &[f64]) -> Option<f64> {
     let m = mean(measured);
     let spread: f64 = measured.iter().map(|y| (y - m) * (y - m)).sum();
     let error: f64 = residual.iter().map(|e| e * e).sum();
-    // Rounding alone leaves a spread of this size on a constant.
+    // Rounding alone gives a constant signal a spread of this size.
     let rounding = (1e-13 * m).powi(2) * measured.len() as f64;
     (spread > rounding).then(|| 100.0 * (1.0 - (error / spread).sqrt()))
 }
@@ -83,7 +83,7 @@ fn interval(grid: &Grid, residual: &[f64], from: usize, until: usize) -> Option<
     })
 }
 
-/// Spectrum of a residual at the rate at which its sensor gives values: the steps of a held value have images at
+/// Spectrum of a residual at the sampling rate of its sensor: the steps of a held value have images at
 /// multiples of that rate, which are not in the motion.
 pub fn spectrum(residual: &[f64], measured: &[f64], period_s: f64) -> Spectrum {
     let mut fresh: Vec<usize> = Vec::new();
@@ -102,7 +102,7 @@ pub fn spectrum(residual: &[f64], measured: &[f64], period_s: f64) -> Spectrum {
     welch(&filled(&kept), every * period_s)
 }
 
-/// The residual with gaps bridged by straight lines, as the spectrum needs it.
+/// The residual with gaps interpolated linearly, as the spectrum needs it.
 fn filled(residual: &[f64]) -> Vec<f64> {
     let mut out = residual.to_vec();
     let mut last: Option<usize> = None;
@@ -131,14 +131,14 @@ mod tests {
 
     #[test]
     fn a_slow_sensor_is_judged_at_its_own_rate() {
-        // White noise at 10 Hz, held on a grid of 100 Hz: nothing in it is a line.
+        // White noise at 10 Hz, held on a grid of 100 Hz: its spectrum has no line.
         for seed in 0..50 {
             let held: Vec<f64> = noise(1_200, seed).iter().flat_map(|e| [*e; 10]).collect();
             let s = spectrum(&held, &held, 0.01);
             assert!((s.frequency_hz.last().unwrap() - 5.0).abs() < 1e-9);
             assert!(peaks(&s, 3).is_empty(), "seed {seed}: {:?}", peaks(&s, 3));
         }
-        // The same with values only where they are fresh.
+        // The same with values only where the sensor delivered a new one.
         let sparse: Vec<f64> =
             noise(1_200, 1).iter().flat_map(|e| [[*e; 1].as_slice(), &[f64::NAN; 9]].concat()).collect();
         assert!((spectrum(&sparse, &sparse, 0.01).frequency_hz.last().unwrap() - 5.0).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! A record on an even grid, with the names of the vehicle.
+//! A record on an even grid, with the names of the vehicle's signals.
 
 use std::borrow::Cow;
 
@@ -8,13 +8,14 @@ use whirlstand_vehicle::Vehicle;
 
 use super::comparison::{CompareError, CompareOptions};
 
-/// Fewest points that a comparison can say something about.
+/// Fewest points of a comparison.
 const LEAST_POINTS: usize = 16;
 
-/// More steps than memory should be spent on.
+/// Largest number of steps, for the sake of memory.
 const MOST_STEPS: f64 = 50e6;
 
-/// A period of more than so many of the record's own is coarser: several samples make one point.
+/// Ratio to the record's own period from which a period is coarser: several samples are then averaged to one
+/// point.
 const COARSER: f64 = 1.5;
 
 /// Inputs and outputs on an even grid.
@@ -22,13 +23,14 @@ const COARSER: f64 = 1.5;
 pub struct Grid {
     /// Time of the first point in the record, s.
     pub start_s: f64,
-    /// Steps from the beginning of the whole record, from which effects count their time, to the first point.
+    /// Steps from the beginning of the whole record, at which the clock of effects starts, to the first
+    /// point.
     pub first_step: u64,
     /// Time between two points, s.
     pub period_s: f64,
     /// Time of every point, s of the record's clock.
     pub t: Vec<f64>,
-    /// Inputs, SI: steps x inputs, row after row; held where the record has no value.
+    /// Inputs, SI: steps x inputs, row after row; the last value is held where the record has none.
     pub inputs: Vec<f64>,
     /// Indices of the vehicle's outputs that the record has.
     pub outputs: Vec<usize>,
@@ -38,7 +40,7 @@ pub struct Grid {
     pub uneven: f64,
 }
 
-/// Brings `record` onto an even grid.
+/// Resamples `record` onto an even grid.
 pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Result<Grid, CompareError> {
     let mut record = Cow::Borrowed(record);
     if record.time_unit == "samples" {
@@ -54,7 +56,7 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
             (options.from_s.unwrap_or(f64::NEG_INFINITY), options.until_s.unwrap_or(f64::INFINITY));
         record = Cow::Owned(record.between(from, until));
     }
-    // On an even clock the samples are taken as they are: stamps that were rounded must not smear them.
+    // On an even clock the samples are taken unchanged: rounded time stamps must not smear them.
     let time = match even {
         Some(period_s) => Cow::Owned(straightened(&record.time, period_s)),
         None => Cow::Borrowed(&record.time[..]),
@@ -78,7 +80,7 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
     let columns: Vec<Vec<f64>> = inputs.iter().map(|s| held(&time, &s.values, &clock, 0.0)).collect();
     let brought = if clock.period > COARSER * own { averaged } else { interpolated };
     let measured = found.iter().map(|&i| {
-        // The filter above found the signal.
+        // The signal exists, as the filter above found it.
         let values = record.get(&vehicle.outputs[i].name).map_or(&[][..], |s| &s.values);
         brought(&time, values, &clock)
     });
@@ -94,10 +96,10 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
     })
 }
 
-/// The points from the first of the record to its last.
+/// Grid times from the first sample of the record to its last.
 fn clock((origin, time): (&str, &[f64]), period_s: f64, own: f64) -> Result<Clock, CompareError> {
     let duration_s = time.first().zip(time.last()).map_or(0.0, |(first, last)| last - first);
-    // A record without two different times has no interval of its own.
+    // A record without two different times has no sampling interval.
     let steps = if own > 0.0 { duration_s / period_s } else { 0.0 };
     if steps > MOST_STEPS {
         return Err(CompareError::TooFine { duration_s, period_s });
@@ -112,13 +114,13 @@ fn clock((origin, time): (&str, &[f64]), period_s: f64, own: f64) -> Result<Cloc
     }
 }
 
-/// Share of the steps of a clock that are more than half a median step off it, 0 to 1.
+/// Share of a clock's steps that are more than half a median step off the median, 0 to 1.
 fn uneven(time: &[f64], own: f64) -> f64 {
     let steps = || time.windows(2).map(|t| t[1] - t[0]);
     steps().filter(|s| (s - own).abs() > 0.5 * own).count() as f64 / steps().count().max(1) as f64
 }
 
-/// As many times on an exactly even clock.
+/// The same number of times on an exactly even clock.
 fn straightened(time: &[f64], period_s: f64) -> Vec<f64> {
     let first = time.first().copied().unwrap_or(0.0);
     (0..time.len()).map(|k| first + k as f64 * period_s).collect()

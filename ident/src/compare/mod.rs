@@ -1,4 +1,4 @@
-//! Comparison of measured data with the simulation: how large the difference is, not what causes it.
+//! Comparison of measured data with the simulation: determines the size of the difference, not its cause.
 
 mod comparison;
 mod figures;
@@ -15,7 +15,7 @@ use whirlstand_vehicle::Vehicle;
 /// Compares the simulation of `vehicle`, driven by the inputs in `record`, with the outputs in `record`.
 ///
 /// # Errors
-/// [`CompareError`]; what the record lacks is named, beside what it has.
+/// [`CompareError`], which names the missing and the available signals.
 pub fn compare(
     record: &Record,
     vehicle: &Vehicle,

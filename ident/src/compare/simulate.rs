@@ -1,4 +1,4 @@
-//! Free run and short predictions of a vehicle against a record.
+//! Free run and short-term predictions of a vehicle against a record.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_linalg::symmetric_eigen;
@@ -19,7 +19,7 @@ pub struct FreeRun {
     pub diverged: bool,
 }
 
-/// Inverse of the variance of every measured output: every output weighs the same, as in its fit.
+/// Inverse variance of every measured output, so that all outputs have the same weight, as in their fits.
 fn weights(grid: &Grid, vehicle: &Vehicle) -> Vec<f64> {
     let variance = |y: &[f64]| {
         let known: Vec<f64> = y.iter().copied().filter(|v| v.is_finite()).collect();
@@ -30,16 +30,16 @@ fn weights(grid: &Grid, vehicle: &Vehicle) -> Vec<f64> {
     grid.measured.iter().zip(&grid.outputs).map(|(y, &i)| 1.0 / variance(y).max(floor(i))).collect()
 }
 
-/// Size of the change of a state by which its effect on the outputs is found. The motion is linear in it but for
-/// nonlinear effects.
+/// Perturbation of a state for the sensitivity of the outputs. Except for nonlinear effects, the motion is
+/// linear in it.
 const NUDGE: f64 = 1e-3;
 
-/// Runs the vehicle freely with the measured inputs. The initial state is the least-squares one over the whole
-/// record (Gauss-Newton; exact in one step for a linear vehicle), so that where the record happens to start is
-/// not counted as an error of the model. States that the outputs do not show start at zero.
+/// Runs the vehicle freely with the measured inputs. The initial state is the least-squares estimate over the
+/// whole record (Gauss-Newton; exact in one step for a linear vehicle), so that it is not counted as an error
+/// of the model. States that the outputs do not show start at zero.
 ///
-/// What came before the record nobody knows: delays and filters held either the resting commands or the record's first
-/// ones, whichever makes the simulation more like the record.
+/// Inputs before the record are unknown: delays and filters are assumed to hold either the resting commands
+/// or the record's first ones, whichever fits the record better.
 pub fn free_run(grid: &Grid, vehicle: &Vehicle) -> Result<FreeRun, CompareError> {
     let weights = weights(grid, vehicle);
     let first = grid.inputs.get(..vehicle.inputs.len()).unwrap_or_default();
@@ -88,7 +88,7 @@ fn free_run_from(
     Ok(FreeRun { initial, outputs, diverged })
 }
 
-/// The change of the initial state that removes most of the residual; `None` when the run diverges.
+/// Change of the initial state that removes most of the residual; `None` when the run diverges.
 fn correction(
     grid: &Grid,
     vehicle: &Vehicle,
@@ -129,7 +129,7 @@ fn correction(
     solve(normal, right)
 }
 
-/// One simulator with each state nudged, and one without.
+/// Simulators with one state perturbed each, followed by one without a perturbation.
 fn nudged(nominal: &Simulator, initial: &[f64]) -> Vec<Simulator> {
     (0..=initial.len())
         .map(|j| {
@@ -144,8 +144,8 @@ fn nudged(nominal: &Simulator, initial: &[f64]) -> Vec<Simulator> {
         .collect()
 }
 
-/// Solves the normal equations (lower triangle given) with columns scaled to one; directions that the data hardly
-/// show (below 1e-9 of the strongest) stay at zero.
+/// Solves the normal equations (lower triangle given) with columns scaled to one; directions that the data
+/// hardly determine (below 1e-9 of the strongest) stay at zero.
 fn solve(mut normal: DMatrix<f64>, mut right: DVector<f64>) -> Option<DVector<f64>> {
     let n = normal.nrows();
     let scale: Vec<f64> =
@@ -173,12 +173,12 @@ fn solve(mut normal: DMatrix<f64>, mut right: DVector<f64>) -> Option<DVector<f6
     Some(solution)
 }
 
-/// Errors of predictions over one horizon, SI: one vector for each output of the grid; NaN where no prediction was
-/// made.
+/// Errors of predictions over one horizon, SI: one vector for each output of the grid; NaN where no
+/// prediction was made.
 ///
 /// The record is cut into parts of one horizon. The state at the start of a part is fitted to that part
-/// (least squares), carried on through the next part with the measured inputs, and compared there: the model is
-/// judged on what it did not see, and an integrator has no time to drift away.
+/// (least squares), propagated through the next part with the measured inputs, and compared there: the model
+/// is judged on data not used in the fit, and an integrator cannot drift far.
 pub fn predictions(
     grid: &Grid,
     vehicle: &Vehicle,
@@ -193,7 +193,7 @@ pub fn predictions(
     }
     let nominal = Simulator::expected(vehicle, grid.period_s)?;
     let weights = weights(grid, vehicle);
-    // Where nothing goes by time, one response serves all parts.
+    // Without time-dependent effects, one response serves all parts.
     let timed = vehicle.effects.iter().any(|e| !e.window().is_always() || e.kind() == Kind::ModeTransition);
     let mut slopes = slopes(grid, &nominal, (0, 2 * horizon), n, m);
     for start in (0..=grid.t.len() - 2 * horizon).step_by(horizon) {
@@ -227,7 +227,8 @@ pub fn predictions(
     Ok(errors)
 }
 
-/// Effect of each state on each output, step by step from `start` on: (steps x outputs) x states, row after row.
+/// Sensitivity of each output to each initial state, step by step from `start` on: (steps x outputs) x
+/// states, row after row.
 fn slopes(grid: &Grid, nominal: &Simulator, (start, steps): (usize, usize), n: usize, m: usize) -> Vec<f64> {
     let mut nominal = nominal.clone();
     nominal.begin_at(grid.first_step + start as u64);
@@ -249,8 +250,8 @@ fn slopes(grid: &Grid, nominal: &Simulator, (start, steps): (usize, usize), n: u
     slopes
 }
 
-/// Measured minus simulated from step `start` on, (steps x outputs): against the free run, or, where that has
-/// left all bounds, against a run from rest at `start`.
+/// Measured minus simulated from step `start` on, (steps x outputs): against the free run, or, where that
+/// diverged, against a run from rest at `start`.
 fn residual(
     grid: &Grid,
     run: &FreeRun,

@@ -44,13 +44,13 @@ pub fn remarks(grid: &Grid, vehicle: &Vehicle) -> Vec<String> {
     remarks
 }
 
-/// How far the simulation moves, when in all outputs that is a tenth of what was measured, or ten times: then the inputs
-/// are hardly in the unit that the vehicle file expects.
+/// Text on the amplitude of the simulation, when in all outputs it is a tenth of the measured one or ten
+/// times it: the inputs are then probably not in the unit that the vehicle file expects.
 pub fn size(c: &Comparison) -> Option<String> {
     if c.diverged {
         return None;
     }
-    // In the second half the fitted initial state has died away, which would hide that nothing else moves.
+    // In the second half the fitted initial state has decayed, which would hide that nothing else moves.
     let spread = |values: &[f64]| {
         let late = &values[values.len() / 2..];
         let known: Vec<f64> = late.iter().copied().filter(|v| v.is_finite()).collect();
@@ -77,12 +77,12 @@ pub fn size(c: &Comparison) -> Option<String> {
     })
 }
 
-/// True when the residual is no larger than declared noise lets it be.
+/// True when the residual is no larger than the declared noise explains.
 fn at_noise_floor(o: &OutputComparison) -> bool {
     o.rmse.is_some_and(|r| o.declared_noise > 0.0 && r <= 1.2 * o.declared_noise)
 }
 
-/// True when the simulation explains an output: down to the noise, or 90 % of it.
+/// True when the simulation explains an output, down to the noise or with a fit of 90 %.
 fn agrees(o: &OutputComparison) -> bool {
     at_noise_floor(o) || o.fit.is_some_and(|f| f >= 90.0)
 }
@@ -124,7 +124,7 @@ pub fn verdict(c: &Comparison) -> String {
     differ.sort_by(|a, b| a.1.fit.unwrap_or(0.0).total_cmp(&b.1.fit.unwrap_or(0.0)));
     let finding = differ.iter().find_map(|(n, o)| peculiarity(n, o));
     let mut sentence = if differ.iter().all(|(_, o)| o.fit.is_none_or(|f| f <= 0.0)) {
-        // A fit of zero is what the mean of the record alone reaches.
+        // A fit of zero is that of the record's mean.
         "The simulation is no better than the mean of the record".to_string()
     } else {
         "The simulation differs from the record".to_string()
@@ -136,7 +136,7 @@ pub fn verdict(c: &Comparison) -> String {
     sentence + &finding.map_or(".".into(), |f| format!(". {f}."))
 }
 
-/// What stands out in the residual of an output.
+/// The most notable feature of an output's residual.
 fn peculiarity(name: &str, o: &OutputComparison) -> Option<String> {
     let unit = o.unit.symbol();
     if let (Some(fit), Some(without), Some(bias)) = (o.fit, o.fit_bias_removed, o.bias)
@@ -163,7 +163,7 @@ fn peculiarity(name: &str, o: &OutputComparison) -> Option<String> {
     ))
 }
 
-/// At most 15 lines, each ended.
+/// The comparison as at most 15 lines, each with a line end.
 pub fn text(c: &Comparison) -> String {
     let mut lines = vec![
         c.verdict.clone(),
@@ -207,7 +207,7 @@ pub fn text(c: &Comparison) -> String {
     let tones: Vec<String> = c
         .ordered()
         .filter_map(|(name, o)| {
-            // What carries less is real, but explains nothing.
+            // Lines with a smaller share exist, but explain nothing.
             let l = o.lines.first().filter(|l| l.share >= 0.01)?;
             Some(format!("{name} {:.2} Hz ({:.0} %)", l.frequency_hz, 100.0 * l.share))
         })

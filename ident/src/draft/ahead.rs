@@ -1,8 +1,10 @@
-//! Predictions of a fitted model at a horizon: the filter follows the record, and from it the model runs ahead.
+//! Predictions of a fitted model over a horizon: a filter follows the record, and the model is simulated from
+//! its state.
 //!
-//! The inputs until then are predicted from the past as well. With those of the record the best model of a vehicle in a
-//! closed loop would predict worse than no model at all: they hold the answer to disturbances that are yet to come, and
-//! that the model cannot know. The model is linear, so that with the expected inputs it gives the expected output.
+//! The inputs over the horizon are predicted from the past as well. With the recorded inputs, the best model
+//! of a vehicle in a closed loop would predict worse than no model at all: they contain the response to
+//! future disturbances that the model cannot know. As the model is linear, the expected inputs give the
+//! expected output.
 
 use whirlstand_vehicle::Simulator;
 
@@ -11,8 +13,8 @@ use crate::identify::Segment;
 use crate::identify::fitted::{Fit, NoiseFit};
 use crate::identify::predictor::{Gains, Pattern};
 
-/// Errors of predictions `horizon` steps ahead of a segment of one input and one output, one from each of `starts`,
-/// which are the last steps that are known; NaN where a value is missing. `None` when the filter has no steady state.
+/// Errors of predictions `horizon` steps ahead for a segment of one input and one output, one from each of
+/// `starts`, the last known steps; NaN where a value is missing. `None` when the filter has no steady state.
 pub fn errors(
     fit: &Fit,
     inputs: &Regression,
@@ -46,7 +48,7 @@ pub fn errors(
     Some(errors)
 }
 
-/// The output at the last of the steps that these inputs are of, from a simulator that stands at the first.
+/// Output at the last step of the given inputs, from a simulator that stands at the first.
 fn run_ahead(mut simulator: Simulator, inputs: &[f64]) -> f64 {
     for (k, _) in inputs.iter().enumerate() {
         if k > 0 {

@@ -5,15 +5,15 @@ use whirlstand_logs::shown::{number, shown};
 
 use super::structure::Structure;
 
-/// Schema of [`Draft`].
+/// Schema identifier of [`Draft`].
 pub const DRAFT_SCHEMA: &str = "whirlstand.vehicle_draft.v1";
 
-/// A vehicle drafted from a record, and how well it predicts data that it never saw.
+/// A vehicle drafted from a record, with its prediction errors on held-out data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Draft {
-    /// Always [`DRAFT_SCHEMA`].
+    /// Schema identifier, always [`DRAFT_SCHEMA`].
     pub schema: String,
-    /// The log.
+    /// Path of the log.
     pub log: String,
     /// Name of the vehicle.
     pub vehicle: String,
@@ -23,33 +23,33 @@ pub struct Draft {
     pub axes: Vec<AxisAnswer>,
     /// Angles that are integrals of rates.
     pub angles: Vec<String>,
-    /// Signals that were chosen: the vehicle's name, the log's, and why.
+    /// Chosen signals: the vehicle's name, the log's name, and the reason.
     pub signals: Vec<SignalAnswer>,
-    /// Outputs that no axis was made of, each with the reason.
+    /// Outputs that belong to no axis, each with the reason.
     pub left_out: Vec<LeftOut>,
-    /// The vehicle file, if it was written.
+    /// Path of the vehicle file, if it was written.
     pub vehicle_file: Option<String>,
     /// The text of the vehicle file.
     #[serde(skip)]
     pub toml: String,
 }
 
-/// An output, the input that it follows, and how.
+/// An axis: an output, the input that drives it, and the fitted structure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AxisAnswer {
-    /// The output.
+    /// Name of the output.
     pub output: String,
     /// SI unit of the output.
     pub unit: String,
-    /// The input.
+    /// Name of the input.
     pub input: String,
-    /// The structure.
+    /// Structure of the axis.
     pub structure: Structure,
     /// The structure in words.
     pub words: String,
     /// Fitted parameters, SI.
     pub parameters: Vec<ParameterAnswer>,
-    /// Predictions of data that were held out.
+    /// Scores of the predictions of held-out data.
     pub heldout: HeldOut,
     /// All structures that were tried, the simplest first.
     pub tried: Vec<TriedAnswer>,
@@ -69,46 +69,46 @@ pub struct TriedAnswer {
 pub struct ParameterAnswer {
     /// Name in the vehicle file, as `A[1,1]` or `input_delay(u_roll).delay_s`.
     pub name: String,
-    /// Value.
+    /// Estimated value.
     pub value: f64,
-    /// SI unit of the value and its error; empty for a pure number.
+    /// SI unit of the value and its error; empty for a dimensionless number.
     pub unit: String,
     /// Standard error; `None` for one that the data do not determine.
     pub standard_error: Option<f64>,
 }
 
-/// Predictions of data that were held out.
+/// Scores of predictions of held-out data.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct HeldOut {
-    /// How far the predictions look ahead, s.
+    /// Prediction horizon, s.
     pub horizon_s: f64,
-    /// Length of the data that were held out, s.
+    /// Length of the held-out data, s.
     pub seconds: f64,
     /// 100 (1 - root mean square error / spread of the output), %.
     pub fit: f64,
-    /// The same of a prediction from the output's own past alone, %.
+    /// Fit of a prediction from the output's own past alone, %.
     pub own_past_fit: f64,
-    /// Root mean square error, SI.
+    /// Root mean square error of the predictions, SI.
     pub rmse: f64,
 }
 
-/// A signal that was chosen.
+/// A chosen signal.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct SignalAnswer {
-    /// The vehicle's name for it.
+    /// Name in the vehicle.
     pub name: String,
-    /// The log's name for it.
+    /// Name in the log.
     pub source: String,
-    /// Why it was chosen.
+    /// Reason for the choice.
     pub why: String,
 }
 
-/// An output that no axis was made of.
+/// An output that belongs to no axis.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
-    /// The vehicle's name for it.
+    /// Name in the vehicle.
     pub output: String,
-    /// Why, in a sentence.
+    /// Reason, as a sentence.
     pub why: String,
 }
 
@@ -129,9 +129,9 @@ impl AxisAnswer {
 }
 
 impl ParameterAnswer {
-    /// The value with its standard error.
+    /// The value with its standard error, as text.
     pub fn sentence(&self) -> String {
-        // As the vehicle file has it: in SI, as all units of a draft are.
+        // In SI, as all units of a drafted file are.
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
         let value = number(self.value);
         match self.standard_error {

@@ -1,4 +1,4 @@
-//! One input and one output, cut into data that are fitted and data that are held out.
+//! Data of one input and one output, split into fitted and held-out blocks.
 
 use whirlstand_logs::Record;
 use whirlstand_logs::stats::{mean, median, rms};
@@ -6,19 +6,19 @@ use whirlstand_vehicle::{Input, Output, SignalUnit, State, Vehicle};
 
 use crate::identify::{IdentifyError, Segment};
 
-/// Blocks into which a record is cut at least; two of three are fitted, the third is held out.
+/// Least number of blocks of a record; two of three are fitted, the third is held out.
 const BLOCKS: usize = 12;
-/// Fewest steps of a block.
+/// Fewest steps per block.
 const LEAST_STEPS: usize = 60;
-/// Most steps that are used, in all; of longer records evenly spread blocks are taken.
+/// Largest number of steps used in total; of longer records evenly spaced blocks are taken.
 const MOST_STEPS: usize = 9000;
 
-/// Data of one input and one output, their levels taken off.
+/// Data of one input and one output, with their means subtracted.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    /// Data that are fitted.
+    /// Segments for fitting.
     pub fitted: Vec<Segment>,
-    /// Data that are held out.
+    /// Held-out segments for validation.
     pub held: Vec<Segment>,
     /// Mean of the input over the fitted data, SI.
     pub input_level: f64,
@@ -37,7 +37,7 @@ pub const fn least_steps() -> usize {
     3 * LEAST_STEPS
 }
 
-/// A vehicle with nothing but one input and one output, to take both from a record.
+/// A vehicle of one input and one output, used to extract both from a record.
 fn probe(input: &str, output: &str) -> Vehicle {
     let unit = SignalUnit::default();
     let zero = nalgebra::DMatrix::zeros(1, 1);
@@ -76,7 +76,7 @@ fn probe(input: &str, output: &str) -> Vehicle {
 }
 
 impl Pair {
-    /// Cuts the record; `None` when it is too short for data that are held out.
+    /// Splits the record; `None` when it is too short to hold data out.
     ///
     /// # Errors
     /// When the record has no grid, or lacks a signal.
@@ -101,7 +101,7 @@ impl Pair {
         Ok(Some(Self { fitted, held, input_level, output_level, input_spread, output_spread, period_s }))
     }
 
-    /// Total length of the data that are held out, s.
+    /// Total length of the held-out data, s.
     pub fn held_s(&self) -> f64 {
         self.held.iter().map(|s| s.steps as f64 * s.period_s).sum()
     }
@@ -120,18 +120,18 @@ fn part(segment: &Segment, from: usize, until: usize) -> Segment {
     }
 }
 
-/// Data that are fitted and data that are held out: of every three blocks the third is held out, so that both come from
-/// all of the flight.
+/// Fitted and held-out data: of every three blocks the third is held out, so that both cover the whole
+/// flight.
 fn split(whole: &[Segment]) -> (Vec<Segment>, Vec<Segment>) {
     let steps: usize = whole.iter().map(|s| s.steps).sum();
     let block = (steps.min(MOST_STEPS) / BLOCKS).max(LEAST_STEPS);
-    // Groups of three blocks; of a long record every so manieth.
+    // Groups of three blocks; of a long record only every n-th group.
     let every = steps.div_ceil(MOST_STEPS);
     let (mut fitted, mut held) = (Vec::new(), Vec::new());
     let mut group = 0;
     for segment in whole {
         let groups = segment.steps / (3 * block);
-        // What is left over lengthens the groups.
+        // Remaining steps lengthen the groups.
         let length = segment.steps.checked_div(groups).unwrap_or(0);
         for g in 0..groups {
             group += 1;
@@ -146,11 +146,11 @@ fn split(whole: &[Segment]) -> (Vec<Segment>, Vec<Segment>) {
     (fitted, held)
 }
 
-/// How far predictions look ahead, steps. At least four samples of the slower of input and output, so that the input can act;
-/// then twice as far each time, up to the time over which the output's correlation with itself falls to one half, since
-/// beyond it the past alone says little, and to half a second. What a lag or an integration delays shows farther ahead, what
-/// acts at once is hidden there by what the inputs do meanwhile. The samples' own noise is left out of the correlation
-/// by smoothing over three steps.
+/// Prediction horizons, steps. The first has at least four samples of the slower of input and output, so that
+/// the input can act; each next one is twice as long, up to the time over which the output's autocorrelation
+/// falls to one half, since beyond it the past alone predicts little, and up to half a second. Lags and
+/// integrations show at longer horizons, where a direct response is hidden by the change of the inputs. The
+/// samples' noise is excluded from the autocorrelation by smoothing over three steps.
 pub fn horizons(pair: &Pair, slowest_interval_s: f64) -> Vec<usize> {
     let steps = |time_s: f64| ((time_s / pair.period_s).round() as usize).max(4);
     let (least, half) = (steps(4.0 * slowest_interval_s), steps(half_correlation_s(pair)));
@@ -161,7 +161,7 @@ pub fn horizons(pair: &Pair, slowest_interval_s: f64) -> Vec<usize> {
     all
 }
 
-/// The time over which the output's correlation with itself falls to one half, s.
+/// Time over which the output's autocorrelation falls to one half, s.
 fn half_correlation_s(pair: &Pair) -> f64 {
     let lags = (LONGEST_HORIZON_S / pair.period_s) as usize;
     let smooth: Vec<Vec<f64>> = pair
@@ -178,10 +178,10 @@ fn half_correlation_s(pair: &Pair) -> f64 {
     (1..=lags).find(|lag| correlation(*lag) < 0.5 * whole).unwrap_or(lags) as f64 * pair.period_s
 }
 
-/// Farthest look ahead, s; predictions of the motion of a small vehicle over longer times are guesses about gusts.
+/// Longest horizon, s; predictions of a small vehicle's motion over longer times depend on unknown gusts.
 const LONGEST_HORIZON_S: f64 = 0.5;
 
-/// Median and greatest absolute deviation of values that are known.
+/// Median and largest absolute deviation of the finite values.
 pub fn range(values: &[f64]) -> (f64, f64) {
     let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     let middle = median(&known);

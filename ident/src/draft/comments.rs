@@ -1,11 +1,11 @@
-//! The text of a drafted vehicle file, with comments that say where each number comes from.
+//! Text of a drafted vehicle file, with comments on the source of each number.
 
 use whirlstand_logs::shown::number;
 use whirlstand_vehicle::{Kind, Vehicle};
 
 use super::answer::{Draft, ParameterAnswer};
 
-/// The vehicle file of a draft: the vehicle as it is always written, with comments above its parts.
+/// The vehicle file of a draft: the usual text of the vehicle, with comments above its parts.
 pub fn text(vehicle: &Vehicle, draft: &Draft) -> String {
     let mut text = vehicle.to_toml();
     above(&mut text, "A = [", &model(draft));
@@ -31,7 +31,7 @@ pub fn text(vehicle: &Vehicle, draft: &Draft) -> String {
     head(draft) + &text
 }
 
-/// Puts comment lines above the line that begins with `anchor`.
+/// Inserts comment lines above the line that begins with `anchor`.
 fn above(text: &mut String, anchor: &str, lines: &[String]) {
     let found =
         if text.starts_with(anchor) { Some(0) } else { text.find(&format!("\n{anchor}")).map(|at| at + 1) };
@@ -56,7 +56,7 @@ fn head(draft: &Draft) -> String {
     lines.iter().map(|line| format!("# {line}\n")).collect()
 }
 
-/// What the matrices are.
+/// Comment lines that describe the matrices.
 fn model(draft: &Draft) -> Vec<String> {
     let mut lines = vec![format!(
         "Each axis was fitted separately by prediction error in steps of {} s; its structure was chosen by predictions of held-out data:",

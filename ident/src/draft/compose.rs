@@ -1,4 +1,5 @@
-//! Axes of one input and one output each, put together to one vehicle. The input may be rotors that act together.
+//! Composition of axes with one input and one output each into a vehicle. An input may be a combination of
+//! rotors.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{Effect, Free, Input, Kind, Matrix, Output, SignalUnit, State, Target, Vehicle};
@@ -9,13 +10,13 @@ use super::mixer::Mixer;
 use super::select::Tried;
 use super::structure::Structure;
 
-/// A constant of the input that matters less than this share of the input's spread is left out.
+/// Trim constants below this share of the input's spread are left out.
 const LEAST_TRIM: f64 = 0.05;
 
 /// One axis of the vehicle.
 #[derive(Debug, Clone)]
 pub struct Axis {
-    /// Data of the axis.
+    /// Data of input and output.
     pub pair: Pair,
     /// The chosen structure and its fit.
     pub tried: Tried,
@@ -35,11 +36,11 @@ pub struct Angle {
 }
 
 impl Axis {
-    /// The fitted vehicle of the axis, about the zero of its signals.
+    /// The fitted vehicle of the axis, with signals that include their means.
     pub fn vehicle(&self) -> Vehicle {
         let fit = &self.tried.fit;
         let mut vehicle = fit.problem.vehicle_at(&fit.theta);
-        // What disturbs the motion is no part of the vehicle.
+        // The disturbance state is not part of the vehicle.
         let n = self.tried.structure.order;
         vehicle.states.truncate(n);
         vehicle.a = vehicle.a.resize(n, n, 0.0);
@@ -48,9 +49,9 @@ impl Axis {
         vehicle
     }
 
-    /// The constant of the input that holds the output at its level; 0 where it hardly matters.
+    /// Input that holds the output at its mean (trim); 0 where it is negligible.
     fn trim(&self, vehicle: &Vehicle) -> f64 {
-        // The row of A and B that is a model and no definition; the output is the first state.
+        // The row of A and B with the dynamics, not a definition; the output is the first state.
         let last = vehicle.states.len() - 1;
         let (a, b) = (vehicle.a[(last, 0)], vehicle.b[(last, 0)]);
         let trim = -a * self.pair.output_level / b - self.pair.input_level;
@@ -59,17 +60,17 @@ impl Axis {
     }
 }
 
-/// A vehicle of several axes.
+/// A vehicle of several axes, with the origin of its parameters.
 #[derive(Debug, Clone)]
 pub struct Composed {
     /// The vehicle.
     pub vehicle: Vehicle,
-    /// The axis that each of its free values comes from, and which of the axis' own it is.
+    /// Origin of each free parameter: index of the axis, and index among the axis' parameters.
     pub origins: Vec<(usize, usize)>,
 }
 
-/// Puts axes side by side, decoupled, and angles behind them as the integrals of their rates. Where rotors act together,
-/// every axis may be driven by all of them.
+/// Combines axes side by side, decoupled, followed by angles as the integrals of their rates. Where rotors
+/// act together, every axis may be driven by all of them.
 ///
 /// # Errors
 /// When an effect does not fit, which means a mistake in this file.
@@ -123,7 +124,7 @@ pub fn compose(
     Ok(whole)
 }
 
-/// The inputs of all axes: one each, or the rotors.
+/// Inputs of all axes: one each, or the rotors.
 fn inputs(parts: &[Vehicle], mixer: Option<&Mixer>) -> Vec<Input> {
     let own = parts.iter().map(|part| part.inputs[0].clone());
     let Some(mixer) = mixer else { return own.collect() };
@@ -131,7 +132,7 @@ fn inputs(parts: &[Vehicle], mixer: Option<&Mixer>) -> Vec<Input> {
     mixer.rotors.iter().filter_map(|r| rotor(&r.name)).collect()
 }
 
-/// Constants of all inputs that hold the outputs at their levels.
+/// Trim constants of all inputs, which hold the outputs at their means.
 fn trims(axes: &[Axis], parts: &[Vehicle], mixer: Option<&Mixer>) -> Vec<f64> {
     let own: Vec<(&str, f64)> =
         axes.iter().zip(parts).map(|(axis, part)| (part.inputs[0].name.as_str(), axis.trim(part))).collect();
@@ -139,8 +140,8 @@ fn trims(axes: &[Axis], parts: &[Vehicle], mixer: Option<&Mixer>) -> Vec<f64> {
     rotors.unwrap_or_else(|| own.into_iter().map(|(_, trim)| trim).collect())
 }
 
-/// Puts the vehicle of one axis behind those that are there. `drives` are the inputs of the whole that its own one is the
-/// sum of, each with its sign.
+/// Appends the vehicle of one axis. `drives` are the inputs of the whole vehicle whose sum is the axis'
+/// input, each with its sign.
 fn append(
     whole: &mut Composed,
     axis: usize,
@@ -159,7 +160,7 @@ fn append(
     vehicle.c.view_mut((output, row), (1, n)).copy_from(&part.c);
     vehicle.states.extend_from_slice(&part.states);
     vehicle.outputs.extend_from_slice(&part.outputs);
-    // Where each effect of the axis went: what an axis before has shown of the same rotors is there already.
+    // New index of each effect of the axis; an effect that an earlier axis has for the same rotors is reused.
     let mut placed: Vec<Vec<usize>> = Vec::new();
     for effect in &part.effects {
         let parameter = if effect.kind() == Kind::InputDelay { "delay_s" } else { "time_constant_s" };
@@ -190,7 +191,7 @@ fn append(
     Ok(())
 }
 
-/// Puts an angle behind the states and outputs that are there; one without its rate is left out by the caller.
+/// Appends an angle after the existing states and outputs; the caller leaves out angles without their rate.
 fn append_angle(whole: &mut Vehicle, angle: &Angle) {
     let (state, output) = (whole.states.len(), whole.outputs.len());
     if let Some(rate) = whole.state_index(&angle.rate) {

@@ -1,109 +1,109 @@
-//! Why no vehicle can be drafted from a log.
+//! Errors for which no vehicle can be drafted from a log.
 
 use whirlstand_logs::AnyReadError;
 use whirlstand_vehicle::{EffectError, VehicleError};
 
 use crate::identify::IdentifyError;
 
-/// Why no vehicle can be drafted from a log. Nothing was written.
+/// Reason why no vehicle can be drafted from a log. No file was written.
 #[derive(Debug, thiserror::Error)]
 pub enum DraftError {
     /// The log cannot be read.
     #[error(transparent)]
     Read(Box<AnyReadError>),
-    /// No signal is known as an input or as an output.
+    /// No signal is recognised as an input or as an output.
     #[error(
         "{log}: no signal was recognised as {what}: choose one with {flag} NAME, or {flag} NAME=SIGNAL[unit]; `whirlstand log info {log}` lists the signals. {hint}"
     )]
     NoSignal {
-        /// The log.
+        /// Path of the log.
         log: String,
-        /// What is missing, as "an input".
+        /// Kind of signal that is missing, as "an input".
         what: &'static str,
-        /// The option that chooses it.
+        /// Command-line option that selects such a signal.
         flag: &'static str,
-        /// What such a signal is.
+        /// Description of such a signal.
         hint: &'static str,
     },
-    /// A name that was chosen is not in the log, or cannot be a name in a vehicle file.
+    /// A chosen name is not in the log, or is not a valid name in a vehicle file.
     #[error("{flag} {text}: {reason}")]
     Choice {
-        /// The option.
+        /// Command-line option.
         flag: &'static str,
-        /// What was given.
+        /// Text that was given.
         text: String,
-        /// What is wrong with it.
+        /// What is wrong with the text.
         reason: String,
     },
-    /// No input moves.
+    /// No input changes.
     #[error(
         "{log}: the vehicle is at rest: no input changes ({inputs}). Without excitation nothing can be identified; select a part in which it flies (--from, --to), or fly doublets or an input designed by `whirlstand excite`"
     )]
     InputsAtRest {
-        /// The log.
+        /// Path of the log.
         log: String,
-        /// The inputs.
+        /// Names of the inputs.
         inputs: String,
     },
-    /// No output moves beyond its noise.
+    /// No output changes beyond its noise.
     #[error(
         "{log}: the vehicle is at rest: {outputs} show sensor noise and almost no motion. Its dynamics cannot be identified without motion; select a part in which it flies (--from, --to)"
     )]
     OutputsAtRest {
-        /// The log.
+        /// Path of the log.
         log: String,
         /// The outputs with their spread and their noise.
         outputs: String,
     },
-    /// The motors' commands stand still.
+    /// The motor commands are constant.
     #[error(
         "{log}: the motors are off: {motors} never change, so {inputs} do not reach the motors and the motion has another cause, such as handling. Select a part in which it flies (--from, --to)"
     )]
     MotorsOff {
-        /// The log.
+        /// Path of the log.
         log: String,
-        /// The signals of the motors.
+        /// Names of the motor signals.
         motors: String,
-        /// The inputs.
+        /// Names of the inputs.
         inputs: String,
     },
-    /// Inputs or outputs come too seldom.
+    /// Inputs or outputs are sampled too slowly.
     #[error(
         "{log}: logged too slowly for a model of the motors or of the rates: {signals}. These dynamics settle within about 0.2 s, so a sample at least every {longest_ms:.0} ms is required; the inputs between samples are unknown. Raise the rate of these topics in the logger, or choose faster ones with --input and --measure"
     )]
     TooSlow {
-        /// The log.
+        /// Path of the log.
         log: String,
         /// The slow signals with their intervals.
         signals: String,
-        /// The longest interval that would do, ms.
+        /// The longest sufficient interval, ms.
         longest_ms: f64,
     },
-    /// The inputs explain nothing.
+    /// The inputs explain no output.
     #[error(
         "{log}: the record shows no effect of the actuators: on held-out data the inputs do not predict the outputs better than the outputs' own past ({found}). Check that the motors ran and that the right inputs are chosen (--input NAME), or fly with more excitation, such as an input designed by `whirlstand excite`"
     )]
     Unexplained {
-        /// The log.
+        /// Path of the log.
         log: String,
-        /// What was found for every output.
+        /// Result for every output, as text.
         found: String,
     },
-    /// Too little is left to hold data out.
+    /// The record is too short to hold data out.
     #[error(
         "{log}: {seconds:.1} s in {steps} steps are too short to fit a model and to check it on held-out data: at least {needed} steps are needed. Give a longer record"
     )]
     TooShort {
-        /// The log.
+        /// Path of the log.
         log: String,
-        /// Length, s.
+        /// Length of the record, s.
         seconds: f64,
-        /// Steps of the record.
+        /// Number of steps of the record.
         steps: usize,
-        /// Steps that would do.
+        /// Number of steps that suffice.
         needed: usize,
     },
-    /// The record has no even grid, or an input is missing.
+    /// The record cannot be resampled evenly, or an input is missing.
     #[error(transparent)]
     Data(Box<IdentifyError>),
     /// A structure cannot be written as a vehicle.

@@ -1,11 +1,11 @@
-//! The rotors of a quadrotor: four inputs that act together, so that an axis follows a sum or a difference of them and
-//! none of them alone.
+//! Mixer of a quadrotor: four rotor inputs that act together, so that an axis depends on a sum or a
+//! difference of them.
 //!
-//! A frame of four equal rotors has four motions that do not disturb each other, and each answers one pattern of signs:
-//! all together lift, and of the three ways to set two against two, two tilt and one turns (Mahony, Kumar and Corke,
-//! Multirotor Aerial Vehicles, IEEE Robotics and Automation Magazine 19(3), 2012, equation 8). With arms along the body's
-//! axes the tilts answer one rotor against another. Which rotor sits where, and turns how, need not be known: the record
-//! says which pattern explains which output.
+//! A frame of four equal rotors has four decoupled motions, and each responds to one pattern of signs: all
+//! together lift, and of the three ways to set two against two, two tilt and one turns (Mahony, Kumar and
+//! Corke, Multirotor Aerial Vehicles, IEEE Robotics and Automation Magazine 19(3), 2012, equation 8). With
+//! arms along the body's axes the tilts respond to one rotor against another. The position and spin direction
+//! of each rotor need not be known: the record shows which pattern explains which output.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_logs::Record;
@@ -13,7 +13,7 @@ use whirlstand_logs::Record;
 use super::proposal::Chosen;
 use crate::identify::normal::pseudo_inverse;
 
-/// Rotors of a quadrotor.
+/// Number of rotors of a quadrotor.
 const ROTORS: usize = 4;
 /// Signs of the patterns: lift, two against two, and one against one.
 const PATTERNS: [[f64; ROTORS]; 10] = [
@@ -29,18 +29,18 @@ const PATTERNS: [[f64; ROTORS]; 10] = [
     [0.0, 0.0, 1.0, -1.0],
 ];
 
-/// Inputs of a record that act in patterns.
+/// Rotor inputs of a record with the patterns in which they act.
 #[derive(Debug, Clone)]
 pub struct Mixer {
     /// The rotors' commands.
     pub rotors: Vec<Chosen>,
-    /// Their patterns as inputs, in the order of the table.
+    /// The patterns as virtual inputs, in the order of the table.
     pub patterns: Vec<Chosen>,
 }
 
 impl Mixer {
-    /// The mixer of inputs that are called the same but for a number, four of them; `None` for others. A log's four
-    /// controls of which it is known what each turns (PX4's `control[0]` is roll) are named after that, and mixed already.
+    /// The mixer of four inputs whose names differ only in a number; `None` for others. Four controls whose
+    /// axes are known (PX4's `control[0]` is roll) are named after these, and are mixed already.
     pub fn of(inputs: &[Chosen]) -> Option<Self> {
         let stem = |c: &Chosen| [&c.source, &c.name].map(|s| s.replace(|c: char| c.is_ascii_digit(), "#"));
         let same = inputs.len() == ROTORS && inputs.iter().all(|c| stem(c) == stem(&inputs[0]));
@@ -50,7 +50,7 @@ impl Mixer {
         })
     }
 
-    /// The record with the patterns as signals beside the rotors' commands.
+    /// The record with the patterns added as signals.
     pub fn mixed(&self, mut record: Record) -> Record {
         let command = |c: &Chosen| record.get(&c.name).map(|s| (s.values.clone(), s.unit.clone()));
         let Some(commands) = self.rotors.iter().map(command).collect::<Option<Vec<_>>>() else {
@@ -62,18 +62,18 @@ impl Mixer {
                 used.map(|(sign, (values, _))| sign * values[k]).sum::<f64>()
             };
             let values = (0..record.len()).map(sum).collect();
-            // A name that the log has already stands for its own signal.
+            // A name that the log already has keeps its own signal.
             let _ = record.push(&chosen.name, &commands[0].1, values);
         }
         record
     }
 
-    /// The signs of an input that is one of the patterns.
+    /// Rotor signs of an input that is one of the patterns.
     pub fn signs(&self, input: &str) -> Option<&'static [f64; ROTORS]> {
         self.patterns.iter().zip(&PATTERNS).find(|(c, _)| c.name == input).map(|(_, signs)| signs)
     }
 
-    /// Constants of the rotors that add up to those of the patterns, the smallest such.
+    /// Rotor constants that add up to those of the patterns, by the minimum norm.
     pub fn constants(&self, patterns: &[(&str, f64)]) -> Option<Vec<f64>> {
         let rows: Vec<_> = patterns.iter().map(|(name, _)| self.signs(name)).collect::<Option<_>>()?;
         let signs = DMatrix::from_fn(rows.len(), ROTORS, |i, j| rows[i][j]);
@@ -83,7 +83,7 @@ impl Mixer {
     }
 }
 
-/// A pattern as an input.
+/// A pattern as a virtual input.
 fn pattern(rotors: &[Chosen], signs: &[f64; ROTORS]) -> Chosen {
     let used = rotors.iter().zip(signs).filter(|(_, sign)| **sign != 0.0);
     let name = used.enumerate().map(|(i, (rotor, sign))| match (i, *sign > 0.0) {

@@ -1,12 +1,13 @@
 //! A first vehicle file from a record: signals by name and unit, structures by predictions of held-out data.
 //!
-//! - [`presets`] and [`proposal`]: which signals of a log are inputs and outputs; [`reading`]: the record of them.
-//! - [`blocks`]: data that are fitted and data that are held out; [`own_past`] and [`survey`]: which input explains
-//!   which output better than its own past does, and what is refused.
+//! - [`presets`] and [`proposal`]: selection of inputs and outputs among the signals of a log; [`reading`]:
+//!   their record.
+//! - [`blocks`]: fitted and held-out data; [`own_past`] and [`survey`]: inputs that explain an output better
+//!   than its own past, and refusals.
 //! - [`mixer`]: rotors that act together.
 //! - [`structure`], [`ahead`] and [`select`]: the structure of an axis, fitted by prediction error (Ljung, System
 //!   Identification, 2nd ed., chapters 3 and 7; Jategaonkar, Flight Vehicle System Identification, chapter 5).
-//! - [`compose`], [`comments`], [`answer`] and [`run`]: the vehicle, its file, and what is told.
+//! - [`compose`], [`comments`], [`answer`] and [`run`]: the vehicle, its file, and the answer.
 
 mod ahead;
 mod answer;

@@ -1,39 +1,41 @@
-//! Whether inputs explain an output better than its own past does: a regression on the past of both against one on the past
-//! of the output alone.
+//! Test whether inputs explain an output better than its own past: a regression on the past of both against
+//! one on the past of the output alone.
 //!
-//! Both predict a horizon ahead at once, and from the past alone (causality at a horizon: Dufour and Renault, Econometrica 66,
-//! 1998, after Granger, Econometrica 37, 1969). What the inputs will be until then is not used: in a closed loop they react
-//! to what is to be predicted, so that they would tell of it without acting on it, and hide that they act where they cancel
-//! what disturbs the vehicle. The errors are compared on data that were held out (Diebold and Mariano, J. Bus. Econ. Stat. 13, 1995).
+//! Both predict a horizon ahead at once, and from the past alone (causality at a horizon: Dufour and Renault,
+//! Econometrica 66, 1998, after Granger, Econometrica 37, 1969). Future inputs are not used: in a closed loop
+//! they react to the predicted motion, so that they would predict it without causing it, and would hide their
+//! effect where they cancel a disturbance. The errors are compared on held-out data (Diebold and Mariano, J.
+//! Bus. Econ. Stat. 13, 1995).
 
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 use crate::identify::Segment;
 
-/// Time of the past that a regression looks back, s, and the fewest and most steps for it.
+/// Length of the past in a regression, s, and its fewest and most steps.
 const PAST_S: f64 = 0.1;
 const LEAST_LAGS: usize = 12;
 const MOST_LAGS: usize = 24;
 
-/// What is added to the diagonal of the normal equations, as a share of it: columns of a smooth signal are nearly the same.
+/// Ridge on the diagonal of the normal equations, as a share of it: columns of a smooth signal are nearly
+/// collinear.
 const RIDGE: f64 = 1e-8;
 
-/// Steps that a regression looks back.
+/// Number of past steps in a regression.
 pub fn lags(period_s: f64) -> usize {
     ((PAST_S / period_s).ceil() as usize).clamp(LEAST_LAGS, MOST_LAGS)
 }
 
-/// What a regression predicts.
+/// Target of a regression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ahead {
-    /// The output so many steps ahead.
+    /// The output this many steps ahead.
     Output(usize),
-    /// The inputs of so many steps, from the next one on.
+    /// The inputs of this many steps, from the next one on.
     Inputs(usize),
 }
 
 impl Ahead {
-    /// The values of a segment that are to be predicted at step `known`; none where they are beyond its end.
+    /// The target values of a segment at step `known`; none where they are beyond its end.
     fn of<'a>(&self, s: &'a Segment, known: usize) -> Option<&'a [f64]> {
         match *self {
             Self::Output(steps) => s.outputs.get(known + steps..=known + steps),
@@ -49,17 +51,17 @@ impl Ahead {
     }
 }
 
-/// Values ahead from y_k to y_(k-n+1), and u_k to u_(k-m+1).
+/// Linear regression of future values on y_k to y_(k-n+1) and u_k to u_(k-m+1).
 #[derive(Debug, Clone)]
 pub struct Regression {
     outputs: usize,
     inputs: usize,
-    /// A column for each value.
+    /// Coefficients, one column per predicted value.
     coefficients: DMatrix<f64>,
 }
 
 impl Regression {
-    /// Fits by least squares; `None` where the data do not suffice.
+    /// Fits by least squares; `None` where the data are insufficient.
     pub fn fit(segments: &[Segment], outputs: usize, inputs: usize, ahead: Ahead) -> Option<Self> {
         let (n, values) = (outputs + inputs, ahead.count());
         let mut found = Self { outputs, inputs, coefficients: DMatrix::zeros(n, values) };
@@ -75,7 +77,7 @@ impl Regression {
             }
         }
         for i in 0..n {
-            // A signal that does not move has a coefficient of zero.
+            // A constant signal gets a coefficient of zero.
             let own = information[(i, i)];
             information[(i, i)] += (RIDGE * own).max(f64::MIN_POSITIVE.sqrt());
         }
@@ -83,7 +85,7 @@ impl Regression {
         Some(found)
     }
 
-    /// What is known at step `known`; `None` where a value is missing.
+    /// Regressors at step `known`; `None` where a value is missing.
     fn row(&self, s: &Segment, known: usize) -> Option<DVector<f64>> {
         if known + 1 < self.outputs.max(self.inputs) {
             return None;
@@ -94,30 +96,31 @@ impl Regression {
         row.iter().all(|v| v.is_finite()).then_some(row)
     }
 
-    /// The values after step `known`; `None` where one of what they come from is missing.
+    /// Predicted values after step `known`; `None` where a regressor is missing.
     pub fn predict(&self, s: &Segment, known: usize) -> Option<DVector<f64>> {
         Some(self.coefficients.tr_mul(&self.row(s, known)?))
     }
 }
 
-/// Steps of a segment from which predictions start, two a horizon, after `warm` steps in which a filter settles.
+/// Start steps of predictions in a segment, two per horizon, after `warm` steps in which a filter settles.
 pub fn starts(segment: &Segment, warm: usize, horizon: usize) -> Vec<usize> {
     (warm..segment.steps.saturating_sub(horizon)).step_by((horizon / 2).max(1)).collect()
 }
 
-/// How two predictions of the same values compare.
+/// Comparison of two predictions of the same values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Comparison {
-    /// Mean square error of the first.
+    /// Mean square error of the first prediction.
     pub first: f64,
-    /// Mean square error of the second.
+    /// Mean square error of the second prediction.
     pub second: f64,
-    /// By how many standard errors the first errs more: of (a^2 - b^2) / (a^2 + b^2 + m) with the mean square m of the first,
-    /// which neither a few violent manoeuvres nor the noise of quiet flight can rule.
+    /// Excess error of the first prediction in standard errors: of (a^2 - b^2) / (a^2 + b^2 + m) with the
+    /// mean square m of the first, which neither a few violent manoeuvres nor the noise of quiet flight
+    /// dominates.
     pub sigmas: f64,
 }
 
-/// Compares the errors of two predictions, of which neighbours overlap by half.
+/// Compares the errors of two predictions; neighbouring horizons overlap by half.
 pub fn compare(first: &[f64], second: &[f64]) -> Option<Comparison> {
     let both = first.iter().zip(second).filter(|(a, b)| a.is_finite() && b.is_finite());
     let squares: Vec<(f64, f64)> = both.map(|(a, b)| (a * a, b * b)).collect();
@@ -130,7 +133,7 @@ pub fn compare(first: &[f64], second: &[f64]) -> Option<Comparison> {
     let scores: Vec<f64> = squares.iter().map(|(a, b)| (a - b) / (a + b + usual)).collect();
     let score = scores.iter().sum::<f64>() / n;
     let variance = scores.iter().map(|s| (s - score).powi(2)).sum::<f64>() / (n - 1.0);
-    // Half of them are independent.
+    // Half of the errors are independent.
     let error = (variance / (0.5 * n)).sqrt();
     let sigmas = if error > 0.0 { score / error } else { 0.0 };
     Some(Comparison { first: mean(|(a, _)| *a), second: mean(|(_, b)| *b), sigmas })
@@ -149,7 +152,7 @@ mod tests {
         let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
         for k in 0..steps {
             outputs.push(y);
-            // The input reacts to the output, as that of a closed loop.
+            // The input reacts to the output, as in a closed loop.
             u = 0.9 * u + 0.3 * v[k] - 0.1 * y;
             inputs.push(u);
             y = 0.95 * y + gain * u + 0.05 * e[k];

@@ -1,29 +1,29 @@
-//! What the logs of known autopilots call their signals.
+//! Signal names in the logs of known autopilots.
 //!
-//! Names are those of the projects' own documentation: PX4's uORB topics, ArduPilot's log messages, the fields of
-//! Betaflight's blackbox, the variables of the Crazyflie's log groups, and messages of ROS. A name that begins with `*`
-//! matches every signal that ends so, since ROS topics lie in namespaces.
+//! Names are those of the projects' own documentation: PX4's uORB topics, ArduPilot's log messages, the
+//! fields of Betaflight's blackbox, the variables of the Crazyflie's log groups, and messages of ROS. A name
+//! that begins with `*` matches every signal with this ending, since ROS topics have namespaces.
 
-/// A signal that a log may have, with the unit that holds where the log states none; empty for SI.
+/// Name of a signal in a log, with its unit where the log states none; empty for SI.
 pub type Known = (&'static str, &'static str);
 
-/// What the logs of one program call their signals.
+/// Signal names in the logs of one program.
 pub struct Family {
-    /// The program.
+    /// Name of the program.
     pub name: &'static str,
-    /// Groups of inputs, those nearest to the actuators first: the vehicle's name for each, and the log's.
+    /// Groups of inputs, those closest to the actuators first: the vehicle's name for each, and the log's.
     pub inputs: &'static [&'static [(&'static str, Known)]],
     /// Outputs: the vehicle's name for each, and the log's, best first.
     pub outputs: &'static [(&'static str, &'static [Known])],
-    /// What the motors were told, which shows whether they ran at all.
+    /// Motor commands, which show whether the motors ran.
     pub motors: &'static [&'static str],
 }
 
-/// Angles and the rates of which they are the integrals.
+/// Angles with the rates of which they are the integrals.
 pub const INTEGRALS: [(&str, &str); 3] =
     [("roll", "roll_rate"), ("pitch", "pitch_rate"), ("yaw", "yaw_rate")];
 
-/// All programs, in the order in which they are looked for.
+/// All programs, in the order in which they are tried.
 pub const FAMILIES: [Family; 6] = [PX4, ARDUPILOT, BETAFLIGHT, CRAZYFLIE, ROS, COLUMNS];
 
 const PX4: Family = Family {
@@ -218,7 +218,7 @@ const ROS: Family = Family {
     motors: &[],
 };
 
-/// Columns of tables as people call them, this program's own names first.
+/// Common column names of tables, this program's own names first.
 const COLUMNS: Family = Family {
     name: "table",
     inputs: &[],

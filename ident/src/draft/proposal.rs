@@ -1,65 +1,65 @@
-//! Which signals of a log are inputs and outputs, by name and by unit.
+//! Proposes which signals of a log are inputs and outputs, by name and by unit.
 
 use super::error::DraftError;
 use super::presets::{FAMILIES, Family, INTEGRALS, Known};
 
-/// A signal that a log offers.
+/// A signal in a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Offered {
-    /// The log's name for it.
+    /// Name in the log.
     pub name: String,
-    /// The unit that the log states, if any.
+    /// Unit that the log states, if any.
     pub unit: Option<String>,
     /// Samples per second, where the log keeps every topic on a clock of its own.
     pub rate_hz: Option<f64>,
 }
 
-/// A signal that was chosen.
+/// A chosen signal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chosen {
-    /// The vehicle's name for it.
+    /// Name in the vehicle.
     pub name: String,
-    /// The log's name for it, with a unit where the log states none, as `--map` takes it.
+    /// Name in the log, with a unit where the log states none, in the syntax of `--map`.
     pub source: String,
     /// Time between two samples where the log keeps every topic on a clock of its own, s.
     pub interval_s: Option<f64>,
-    /// Why it was chosen, as the end of a sentence.
+    /// Reason for the choice, as the end of a sentence.
     pub why: String,
 }
 
-/// What a log seems to hold.
+/// Signals proposed for a log.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Proposal {
-    /// Groups of inputs, those nearest to the actuators first.
+    /// Groups of inputs, those closest to the actuators first.
     pub inputs: Vec<Vec<Chosen>>,
     /// Outputs.
     pub outputs: Vec<Chosen>,
-    /// What the motors were told.
+    /// Motor commands.
     pub motors: Vec<Chosen>,
 }
 
-/// Signals chosen by hand: `SIGNAL[unit]` or `NAME=SIGNAL[unit]`.
+/// Signals chosen by the user: `SIGNAL[unit]` or `NAME=SIGNAL[unit]`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Choice {
-    /// Inputs; those that are known when empty.
+    /// Inputs; the known ones when empty.
     pub inputs: Vec<String>,
-    /// Outputs; those that are known when empty.
+    /// Outputs; the known ones when empty.
     pub outputs: Vec<String>,
 }
 
-/// How columns and fields are called that people steer with.
+/// Parts of names of columns and fields with control signals.
 const STEERING: [&str; 5] = ["u_", "in_", "cmd", "command", "setpoint"];
 
-/// A topic with fewer samples per second tells of states, not of motion.
+/// Lowest rate of a topic of motion: slower topics report states of the system.
 const SLOWEST_TOPIC_HZ: f64 = 2.0;
 
-/// What an input is, for those who have to choose one.
+/// Description of an input, for users who have to choose one.
 const INPUT_HINT: &str = "Inputs are control signals: motor commands, torques or rate setpoints";
-/// What an output is.
+/// Description of an output, for users who have to choose one.
 const OUTPUT_HINT: &str = "An output is a rate, an angle, an acceleration or a speed in body axes; positions and quaternions are not supported, since a linear model of the motors does not produce them: convert them to rates first";
 
-/// Proposes inputs and outputs. `clocks` says that every topic of the log has a clock of its own, where the reader
-/// holds those signals whose name begins with `u_`.
+/// Proposes inputs and outputs. `clocks` is true when every topic of the log has a clock of its own, in which
+/// case the reader holds signals whose name begins with `u_`.
 ///
 /// # Errors
 /// [`DraftError::NoSignal`] and [`DraftError::Choice`].
@@ -104,14 +104,14 @@ pub fn propose(
     Ok(proposal)
 }
 
-/// The program whose names the log has: that of which it has most outputs.
+/// The program whose signal names the log has: the one with the most outputs in it.
 fn family(offered: &[Offered]) -> Option<&'static Family> {
     let found = |family: &Family| known_outputs(family, offered).len();
-    // The first of several equals: max_by_key gives the last.
+    // The first of several equal ones: max_by_key returns the last.
     FAMILIES.iter().rev().max_by_key(|family| found(family)).filter(|family| found(family) > 0)
 }
 
-/// The signal that a known name stands for.
+/// The signal in the log that a known name matches.
 fn find<'o>((name, _): &Known, offered: &'o [Offered]) -> Option<&'o Offered> {
     offered.iter().find(|o| match name.strip_prefix('*') {
         Some(ending) => o.name.ends_with(ending),
@@ -156,11 +156,11 @@ fn known_outputs(family: &Family, offered: &[Offered]) -> Vec<Chosen> {
         let there: Vec<(&Known, &Offered)> =
             sources.iter().filter_map(|s| Some((s, find(s, offered).filter(|o| alive(o))?))).collect();
         let fastest = there.iter().filter_map(|(_, o)| o.rate_hz).fold(0.0, f64::max);
-        // The best known, unless another is logged more than twice as often.
+        // The first known name, unless another is logged more than twice as often.
         let best = there.iter().find(|(_, o)| o.rate_hz.is_none_or(|rate| rate >= 0.5 * fastest));
         all.extend(best.map(|(source, signal)| known(name, source, signal, family)));
     }
-    // One output tells of the vertical axis.
+    // One output suffices for the vertical axis.
     if all.iter().any(|c| c.name == "vertical_acceleration") {
         all.retain(|c| c.name != "vertical_speed");
     }
@@ -198,7 +198,7 @@ fn vehicle_name(name: &str, clocks: bool) -> String {
     if clocks && !own.starts_with("u_") { format!("u_{own}") } else { own }
 }
 
-/// Signals that are called as what steers.
+/// Signals with a name of a control signal.
 fn steering(offered: &[Offered], clocks: bool) -> Vec<Chosen> {
     let steers = |o: &&Offered| {
         let name = last_part(&o.name).to_lowercase();
@@ -226,7 +226,7 @@ fn rates(offered: &[Offered], inputs: &[&str]) -> Vec<Chosen> {
     free.filter(turns).map(chosen).collect()
 }
 
-/// A source without its unit.
+/// A source without its unit in brackets.
 fn bare(source: &str) -> &str {
     split_unit(source).0
 }
@@ -277,7 +277,7 @@ fn chosen_by_hand(
     })
 }
 
-/// Numbers names that are given twice.
+/// Numbers names that occur twice.
 fn distinct(proposal: &mut Proposal) {
     let Proposal { inputs, outputs, .. } = proposal;
     for group in inputs {

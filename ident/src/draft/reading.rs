@@ -1,4 +1,4 @@
-//! A log as the signals that it offers, and the chosen ones as a record.
+//! Reads a log: first the signals that it has, then the chosen ones as a record.
 
 use std::path::Path;
 
@@ -7,15 +7,15 @@ use whirlstand_logs::{AnyReadError, Kind, LogInfo, Mapping, Record, info, kind, 
 use super::error::DraftError;
 use super::proposal::{Chosen, Offered, split_unit};
 
-/// A log that was looked into.
+/// A log whose signals were listed.
 pub struct Opened {
-    /// What it offers.
+    /// Signals in the log.
     pub offered: Vec<Offered>,
-    /// Every topic has a clock of its own.
+    /// True when every topic has a clock of its own.
     pub clocks: bool,
 }
 
-/// Looks into a log. `time` names the time column of a CSV, as `--map t=` takes it.
+/// Lists the signals of a log. `time` names the time column of a CSV, as in `--map t=`.
 ///
 /// # Errors
 /// [`DraftError::Read`].
@@ -41,7 +41,7 @@ pub fn open(path: &Path, time: Option<&str>) -> Result<Opened, DraftError> {
 /// The signals of all topics.
 fn signals_of(log: &LogInfo) -> Vec<Offered> {
     let topic = |topic: &whirlstand_logs::TopicInfo| {
-        // A topic that comes in bursts has a median interval that says little; its mean rate says more.
+        // For a topic that arrives in bursts, the mean rate describes it better than the median interval.
         let mean = (topic.messages as f64 - 1.0) / (topic.to - topic.from).max(1e-9);
         let rate = topic.rate_hz.map_or(mean, |rate| rate.min(2.0 * mean)).max(0.0);
         let one = move |signal: &String| {
@@ -79,8 +79,8 @@ pub fn read_chosen(
     Ok(if from.is_some() || to.is_some() { record.between(whole.0, whole.1) } else { record })
 }
 
-/// Time between two samples of a signal, s: that of its topic, else the median time between two changes of its value.
-/// `None` for a signal that does not change.
+/// Sampling interval of a signal, s: that of its topic, else the median time between two changes of its
+/// value. `None` for a constant signal.
 pub fn interval(record: &Record, chosen: &Chosen) -> Option<f64> {
     if chosen.interval_s.is_some() {
         return chosen.interval_s;
@@ -98,8 +98,8 @@ pub fn interval(record: &Record, chosen: &Chosen) -> Option<f64> {
     median_interval(&changes)
 }
 
-/// The samples of a signal: of one that comes more seldom than the record has points, every so manieth, since between
-/// its samples it was interpolated and shows no noise.
+/// The samples of a signal without interpolated ones: of a signal sampled more slowly than the record, only
+/// every n-th point, since interpolated values show no noise.
 pub fn own_samples(record: &Record, chosen: &Chosen) -> Vec<f64> {
     let step = record.period().unwrap_or(0.0).max(1e-9);
     let every = interval(record, chosen).map_or(1, |s| (s / step).round().max(1.0) as usize);

@@ -1,4 +1,4 @@
-//! A draft from the log to the text of a vehicle file.
+//! Drafts a vehicle: from the log to the text of a vehicle file.
 
 use std::path::Path;
 
@@ -21,34 +21,35 @@ use super::structure::{Actuators, Signals, rounded};
 use super::survey::{Link, check_motors, fast_enough, link, moves, takes_away};
 use crate::identify::align::lags;
 
-/// Shortest step of a fit, s: the motion of a vehicle is slower than the gyroscope's clock.
+/// Shortest step of a fit, s: the motion of a vehicle is slower than a gyroscope's sampling.
 const SHORTEST_STEP_S: f64 = 0.004;
-/// Longest step to which a faster record is brought, s.
+/// Longest step to which a faster record is resampled, s.
 const LONGEST_STEP_S: f64 = 0.008;
-/// Steps above which a record is brought to longer ones.
+/// Number of steps above which a record is resampled to longer ones.
 const MANY_STEPS: f64 = 6000.0;
-/// Room that limits of an input have beyond the record's range, as a share of it.
+/// Margin of an input's limits beyond the record's range, as a share of it.
 const LIMIT_ROOM: f64 = 0.1;
-/// Correlation of an angle with the integral of its rate from which both show one motion.
+/// Correlation of an angle with the integral of its rate from which both show the same motion.
 const SAME_MOTION: f64 = 0.7;
 
-/// What to draft from.
+/// Options of a draft.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Names {
-    /// Signals chosen by hand.
+    /// Signals chosen by the user.
     pub choice: Choice,
-    /// The time column of a CSV, as `--map t=` takes it.
+    /// Name of the time column of a CSV, as in `--map t=`.
     pub time: Option<String>,
-    /// Name of the vehicle; that of the log without its ending when none is given.
+    /// Name of the vehicle; by default that of the log without its extension.
     pub vehicle: Option<String>,
     /// SHA-256 of the log, for the file's provenance; empty for none.
     pub sha256: String,
 }
 
-/// Drafts a vehicle from the part of a log between two times, s of its clock. `observe` is told what is being done.
+/// Drafts a vehicle from the part of a log between two times, s of its clock. `observe` receives the progress
+/// as text.
 ///
 /// # Errors
-/// [`DraftError`], in a full sentence that says what to do.
+/// [`DraftError`], as a full sentence with the remedy.
 pub fn draft(
     path: &Path,
     names: &Names,
@@ -87,7 +88,7 @@ fn is_integral(output: &Chosen, outputs: &[Chosen]) -> bool {
     rate_of(&output.name).is_some_and(|rate| outputs.iter().any(|o| o.name == rate))
 }
 
-/// The first group of inputs of which one moves, with the record of it, the outputs and the motors.
+/// The first group of inputs in which one changes, with the record of it, the outputs and the motors.
 fn moving(
     path: &Path,
     log: &str,
@@ -107,7 +108,7 @@ fn moving(
     Err(DraftError::InputsAtRest { log: log.into(), inputs: still.join(", ") })
 }
 
-/// The record in steps as long as the fit needs them.
+/// The record resampled to the steps that the fit needs.
 fn on_even_steps(record: &Record, inputs: &[Chosen]) -> Result<Record, DraftError> {
     let own = record.period().unwrap_or(0.0);
     let wanted = (record.duration() / MANY_STEPS).clamp(SHORTEST_STEP_S, LONGEST_STEP_S);
@@ -115,12 +116,13 @@ fn on_even_steps(record: &Record, inputs: &[Chosen]) -> Result<Record, DraftErro
         return Ok(record.clone());
     }
     let held = |name: &str| inputs.iter().any(|input| input.name == name);
-    // A record whose clock cannot be made even is refused by the fit, which says why.
+    // A record whose clock cannot be made even is refused by the fit with the reason.
     Ok(record.resampled(wanted, held).unwrap_or_else(|_| record.clone()))
 }
 
-/// The structure of every linked output; those that no structure predicts better than their past are left out. Where all
-/// are driven by the same rotors, the axis that these explain best shows how late they are.
+/// Structures of all linked outputs; those that no structure predicts better than their past are left out.
+/// Where all are driven by the same rotors, the axis that these explain best determines the rotors' delay and
+/// lag.
 fn axes(
     record: &Record,
     links: &[Link],
@@ -180,7 +182,7 @@ fn axes(
     Ok(axes)
 }
 
-/// Puts the axes together and writes the text.
+/// Combines the axes and writes the text of the vehicle file.
 fn finish(
     log: &str,
     names: &Names,
@@ -225,7 +227,7 @@ fn finish(
     Ok(draft)
 }
 
-/// A name from that of the log.
+/// Vehicle name from the name of the log.
 fn stem(log: &str) -> String {
     let stem = Path::new(log).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
     let clean: String =
@@ -278,7 +280,7 @@ fn limits_and_noise(vehicle: &mut Vehicle, record: &Record, used: &[&Chosen]) {
         let least = all.iter().copied().fold(f64::INFINITY, f64::min);
         let greatest = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let room = LIMIT_ROOM * (greatest - least);
-        // Outwards also where zero lies outside.
+        // Outwards also for a range that does not contain zero.
         let outwards = |v: f64, up: bool| if (v > 0.0) == up { rounded(v) } else { v };
         (input.lower, input.upper) = (outwards(least - room, false), outwards(greatest + room, true));
     }

@@ -1,4 +1,4 @@
-//! The structure of one output, chosen by predictions of held-out data.
+//! Selects the structure of one output by predictions of held-out data.
 
 use rayon::prelude::*;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
@@ -14,32 +14,33 @@ use crate::identify::pem::{self, Noise};
 use crate::identify::problem::{Nuisance, Parameter, Problem};
 use crate::watch::Watch;
 
-/// A simpler structure is taken when the best predicts better by less than this many standard errors (Breiman, Friedman,
-/// Olshen and Stone, Classification and Regression Trees, 1984, section 3.4.3: the one-standard-error rule).
+/// Standard errors by which a more complex structure must predict better than a simpler one (Breiman,
+/// Friedman, Olshen and Stone, Classification and Regression Trees, 1984, section 3.4.3: the
+/// one-standard-error rule).
 const BETTER_SIGMAS: f64 = 1.0;
 
-/// Nor when its mean square error is greater by more than this share: a lag shows in the few manoeuvres alone, too few to
-/// count in standard errors.
+/// Ratio of mean square errors above which the simpler structure is not taken either: a lag shows only in the
+/// few manoeuvres, too few to be significant in standard errors.
 const BETTER_SHARE: f64 = 1.02;
 
-/// Delays from which a search starts, s: a wrong one hides the right one, so that several are tried.
+/// Start values of a delay, s: several are tried, as the cost has local minima.
 const START_DELAYS_S: [f64; 3] = [0.01, 0.03, 0.08];
 
-/// A structure that was fitted, with its errors on held-out data.
+/// A fitted structure with its errors on held-out data.
 #[derive(Debug, Clone)]
 pub struct Tried {
-    /// The structure.
+    /// Structure that was fitted.
     pub structure: Structure,
-    /// The fit to the fitted data.
+    /// Fit to the fitted data.
     pub fit: Fit,
-    /// Errors at the horizon on the held-out data.
+    /// Prediction errors at the horizon on the held-out data.
     pub errors: Vec<f64>,
     /// Root mean square of these errors, SI.
     pub rmse: f64,
 }
 
-/// Errors of the regression on inputs and past, or on the past alone, at the horizon on the held-out data. Where the mean is
-/// a better prediction than the regression on the past alone, the errors are those of the mean.
+/// Errors at the horizon on the held-out data of the regression on inputs and past, or on the past alone.
+/// Where the mean predicts better than the regression on the past alone, the errors are those of the mean.
 pub fn regression_errors(pair: &Pair, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
     let lags = lags(pair.period_s);
     let inputs = if with_input { lags } else { 0 };
@@ -64,17 +65,17 @@ fn warm(pair: &Pair, horizon: usize) -> usize {
     lags(pair.period_s).max(horizon)
 }
 
-/// A structure with its fit, and the errors of all that were tried.
+/// The selected structure with its fit, and the errors of all structures.
 pub type Choice = (Tried, Vec<(Structure, f64)>);
 
-/// Fits every structure and gives the simplest of those that predict as well as the best, beside the root mean square
-/// errors of all.
+/// Fits every structure and selects the simplest of those that predict as well as the best; also returns the
+/// root mean square errors of all.
 ///
 /// # Errors
 /// When none can be fitted.
 pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<Choice>, DraftError> {
     let mut all: Vec<Tried> = Vec::new();
-    // Each starts from what those with one effect less have found.
+    // Each starts from the results of those with one effect less.
     for effects in 0..=2 {
         let wanted = |s: &Structure| s.effects() == effects && s.agrees(signals.actuators.as_ref());
         let next: Vec<Structure> = Structure::all().into_iter().filter(wanted).collect();
@@ -92,8 +93,9 @@ pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<C
     Ok(simplest(all).map(|found| (found, figures)))
 }
 
-/// True when the gain of the input is determined and beyond two standard errors from nothing: a model that follows an output by
-/// forces that wander predicts it better than a regression on its past, whatever the input does.
+/// True when the gain of the input is determined and more than two standard errors from zero: a model with
+/// random-walk forces predicts an output better than a regression on its past even without any response to
+/// the input.
 pub fn answers_the_input(tried: &Tried) -> bool {
     let of_input = |p: &Parameter| matches!(p.target, Target::Entry(Matrix::B, ..));
     let parameters = &tried.fit.problem.parameters;
@@ -107,7 +109,7 @@ fn two_sigmas(fit: &Fit, i: usize) -> f64 {
     2.0 * fit.covariance[(i, i)].max(0.0).sqrt()
 }
 
-/// True when every delay and lag is determined and beyond two standard errors from nothing.
+/// True when every delay and lag is determined and more than two standard errors from zero.
 fn effects_show(tried: &Tried) -> bool {
     let fit = &tried.fit;
     let shows = |i: usize| fit.theta[i] > two_sigmas(fit, i);
@@ -116,7 +118,7 @@ fn effects_show(tried: &Tried) -> bool {
         && fit.problem.parameters.iter().enumerate().all(|(i, p)| !of_effect(p) || shows(i))
 }
 
-/// The simplest of those that predict as well as the best; `all` has the simplest first.
+/// The simplest of those that predict as well as the best; `all` is sorted from the simplest on.
 fn simplest(mut all: Vec<Tried>) -> Option<Tried> {
     let best = all.iter().min_by(|a, b| a.rmse.total_cmp(&b.rmse))?;
     let as_good = |t: &Tried| {
@@ -127,7 +129,7 @@ fn simplest(mut all: Vec<Tried>) -> Option<Tried> {
     Some(all.swap_remove(at))
 }
 
-/// Fits one structure; `None` when no search leads anywhere.
+/// Fits one structure; `None` when no start converges.
 fn tried(
     structure: Structure,
     pair: &Pair,
@@ -153,7 +155,8 @@ fn tried(
     Ok(Some(Tried { structure, fit, errors, rmse }))
 }
 
-/// Starts for a structure with one more effect: what the simpler one has found, with short and longer delays and lags.
+/// Starts for a structure with one more effect: results of the simpler structure, with short and longer
+/// delays and lags.
 fn extended_starts(vehicle: &Vehicle, problem: &Problem, simpler: &Fit) -> Vec<Vec<f64>> {
     let value = |name: &str| {
         let at = simpler.problem.parameters.iter().position(|p| p.name == name)?;

@@ -1,4 +1,4 @@
-//! The structures among which a draft chooses, each as a vehicle of one input and one output with free parameters.
+//! Candidate structures of a draft, each as a vehicle of one input and one output with free parameters.
 
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -6,27 +6,28 @@ use whirlstand_vehicle::{Effect, Free, Input, Kind, Matrix, Output, SignalUnit, 
 
 use super::error::DraftError;
 
-/// Longest delay that is looked for, s: those of radios and flight controllers lie well below.
+/// Longest delay allowed, s: those of radios and flight controllers are far shorter.
 pub const LONGEST_DELAY_S: f64 = 0.25;
-/// Longest lag of an actuator, s: a large rotor's takes about as long.
+/// Longest actuator lag allowed, s: about that of a large rotor.
 pub const LONGEST_LAG_S: f64 = 0.5;
-/// Fastest growth that a pole may have, 1/s: a helicopter in hover doubles its amplitude within some 0.3 s at worst.
+/// Fastest growth of an unstable pole allowed, 1/s: a helicopter in hover doubles its amplitude within some
+/// 0.3 s at worst.
 const FASTEST_GROWTH: f64 = 2.0;
-/// A gain may be this many times what spread of output over spread of input suggests.
+/// Largest ratio of a gain to the spread of the output over that of the input.
 const GAIN_ROOM: f64 = 10.0;
 
-/// How an output follows an input.
+/// Structure of an axis: how an output depends on an input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Structure {
-    /// Order of the motion itself, 1 or 2.
+    /// Order of the rigid-body motion, 1 or 2.
     pub order: usize,
-    /// The actuator follows as a first-order lag.
+    /// True when the actuator is a first-order lag.
     pub lag: bool,
-    /// The input arrives late.
+    /// True when the input is delayed.
     pub delay: bool,
 }
 
-/// What a structure needs to know of the signals.
+/// Signals that a structure connects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Signals {
     /// Name of the input.
@@ -41,21 +42,21 @@ pub struct Signals {
     pub ratio: f64,
     /// Time between two steps, s.
     pub period_s: f64,
-    /// What another axis has shown of the same actuators.
+    /// Actuator dynamics determined by another axis with the same actuators.
     pub actuators: Option<Actuators>,
 }
 
-/// What is known of actuators, s; `None` where they have no such effect.
+/// Known dynamics of actuators, s; `None` where they have no such effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Actuators {
-    /// Time constant of their lag.
+    /// Time constant of the lag, s.
     pub lag_s: Option<f64>,
-    /// Delay of their input.
+    /// Delay of the input, s.
     pub delay_s: Option<f64>,
 }
 
 impl Actuators {
-    /// Those of a fitted vehicle of one input.
+    /// Actuator dynamics of a fitted vehicle of one input.
     pub fn of(vehicle: &Vehicle) -> Self {
         let value = |kind: Kind, name: &str| {
             vehicle.effects.iter().find(|e| e.kind() == kind).and_then(|e| e.parameter(name))
@@ -80,22 +81,22 @@ impl Structure {
         all
     }
 
-    /// True when its actuators may be those that are known.
+    /// True when the structure is compatible with the known actuator dynamics.
     pub fn agrees(&self, known: Option<&Actuators>) -> bool {
         known.is_none_or(|k| k.lag_s.is_some() == self.lag && k.delay_s.is_some() == self.delay)
     }
 
-    /// Number of free parameters, where nothing is known of the actuators.
+    /// Number of free parameters without known actuator dynamics.
     pub fn parameters(&self) -> usize {
         self.order + 1 + self.effects()
     }
 
-    /// How many effects act on the input.
+    /// Number of effects on the input.
     pub fn effects(&self) -> usize {
         usize::from(self.lag) + usize::from(self.delay)
     }
 
-    /// True when it is the other one with one more effect.
+    /// True when the structure is the other one with one more effect.
     pub fn extends(&self, other: &Self) -> bool {
         let holds = |mine: bool, its: bool| mine || !its;
         self.order == other.order
@@ -117,9 +118,10 @@ impl Structure {
 
     /// The structure as a vehicle with free parameters.
     ///
-    /// Its last state is what disturbs the motion: wind, a load that swings, a trim that changes. With noise on it, it is a
-    /// random walk (Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 5), sized with all other noise. In a
-    /// closed loop the input answers it, so that without it the input would seem to act the other way.
+    /// Its last state is the disturbance of the motion: wind, a swinging load, a changing trim. With process
+    /// noise it is a random walk (Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 5),
+    /// with a variance estimated like all other noise. In a closed loop the input responds to the
+    /// disturbance, so that without this state the input would seem to act with the wrong sign.
     ///
     /// # Errors
     /// When an effect does not fit, which means a mistake in this file.
@@ -178,7 +180,8 @@ impl Structure {
         Ok(vehicle)
     }
 
-    /// A motion that settles within a tenth of a second, with the gain of the signals' spreads.
+    /// Start matrices: a motion that settles within a tenth of a second, with the gain of the signals'
+    /// spreads.
     fn start_matrices(&self, signals: &Signals) -> (DMatrix<f64>, DMatrix<f64>) {
         let speed = 10f64.min(0.25 / signals.period_s);
         match self.order {
@@ -190,7 +193,7 @@ impl Structure {
         }
     }
 
-    /// Entries of A and B, with poles between a time constant of one step and slow growth.
+    /// Free entries of A and B, with poles between a time constant of one step and slow growth.
     fn free_entries(&self, signals: &Signals) -> Vec<Free> {
         let fastest = 1.0 / signals.period_s;
         let entry = |matrix, i, j, lower: f64, upper: f64| Free {
@@ -243,14 +246,14 @@ pub fn per_one(unit: &SignalUnit) -> String {
     if text.is_empty() { "1".into() } else { text }
 }
 
-/// Two significant digits, outwards: a bound is no measurement.
+/// Rounds outwards to two significant digits, for bounds.
 pub fn rounded(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
     }
     let size = 10f64.powf(value.abs().log10().floor() - 1.0);
     let digits = (value.abs() / size * (1.0 - 1e-12)).ceil();
-    // Through text, so that 0.00051 does not become 0.0005099999999999999.
+    // Rounded through text, so that 0.00051 does not become 0.0005099999999999999.
     format!("{:.1e}", value.signum() * digits * size).parse().unwrap_or(value)
 }
 

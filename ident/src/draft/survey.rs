@@ -1,4 +1,5 @@
-//! Which input explains each output, by regressions on held-out data, and what is to be refused before that.
+//! Finds the input that explains each output, by regressions on held-out data, and refuses unsuitable
+//! records.
 
 use rayon::prelude::*;
 use whirlstand_logs::Record;
@@ -12,39 +13,40 @@ use super::proposal::Chosen;
 use super::reading::{interval, own_samples};
 use super::select::regression_errors;
 
-/// Longest interval between two samples of an input or of a rate or an acceleration, s. Such a motion of a small vehicle
-/// rises within some 0.2 s, and takes four to ten samples in that time (Astrom and Wittenmark, Computer-Controlled
+/// Longest sampling interval of an input, a rate or an acceleration, s. Such a motion of a small vehicle has
+/// a rise time of some 0.2 s, which needs four to ten samples (Astrom and Wittenmark, Computer-Controlled
 /// Systems, 3rd ed., section 2.9).
 const LONGEST_INTERVAL_S: f64 = 0.05;
-/// Standard errors by which the inputs must predict better than the past alone; several pairs and horizons are tried.
+/// Standard errors by which the inputs must predict better than the past alone, as several pairs and horizons
+/// are tried.
 const EXPLAINED_SIGMAS: f64 = 3.0;
-/// Share of the mean square error that the inputs must take away.
+/// Share by which the inputs must reduce the mean square error.
 const EXPLAINED_SHARE: f64 = 0.05;
-/// An output whose spread is less than so many times its noise does not move.
+/// Ratio of spread to noise below which an output is at rest.
 const REST_RATIO: f64 = 3.0;
-/// Nor does a rate whose spread is less than this, rad/s: what a small gyroscope shows on a table, 0.01 deg/s and root Hz
-/// over some hundred Hz, with room for a draught.
+/// Spread below which a rate is at rest, rad/s: that of a small gyroscope on a table, 0.01 deg/s and root Hz
+/// over some hundred Hz, with a margin for a draught.
 const REST_RATE: f64 = 0.01;
 
 /// An output and the input that explains it best.
 #[derive(Debug, Clone)]
 pub struct Link {
-    /// The input.
+    /// The input of the link.
     pub input: Chosen,
-    /// The output.
+    /// The output of the link.
     pub output: Chosen,
-    /// Their data.
+    /// Data of both, split for validation.
     pub pair: Pair,
-    /// How far predictions look ahead, steps.
+    /// Prediction horizon, steps.
     pub horizon: usize,
     /// Errors of the prediction from the output's own past alone.
     pub own_past: Vec<f64>,
-    /// The past alone against past and input.
+    /// Comparison of the prediction from the past alone with that from past and input.
     pub comparison: Comparison,
 }
 
 impl Link {
-    /// Share of the mean square error that the input takes away.
+    /// Share by which the input reduces the mean square error.
     pub fn share(&self) -> f64 {
         1.0 - self.comparison.second / self.comparison.first.max(f64::MIN_POSITIVE)
     }
@@ -54,12 +56,12 @@ impl Link {
     }
 }
 
-/// True when the second prediction takes enough off the mean square error of the first.
+/// True when the second prediction reduces the mean square error of the first enough.
 pub fn takes_away(comparison: &Comparison) -> bool {
     comparison.second < (1.0 - EXPLAINED_SHARE) * comparison.first
 }
 
-/// True when a signal has more than one value.
+/// True when a signal is not constant.
 pub fn moves(record: &Record, chosen: &Chosen) -> bool {
     record.get(&chosen.name).is_some_and(|signal| {
         let (middle, deviation) = range(&signal.values);
@@ -67,7 +69,7 @@ pub fn moves(record: &Record, chosen: &Chosen) -> bool {
     })
 }
 
-/// Refuses a record whose motors stand still.
+/// Refuses a record with constant motor commands.
 ///
 /// # Errors
 /// [`DraftError::MotorsOff`].
@@ -83,7 +85,7 @@ pub fn check_motors(record: &Record, motors: &[Chosen], inputs: &[Chosen]) -> Re
     })
 }
 
-/// The inputs and outputs that are sampled often enough.
+/// The inputs and outputs with a sufficient sampling rate.
 ///
 /// # Errors
 /// [`DraftError::TooSlow`] when no input or no output is left.
@@ -116,11 +118,11 @@ pub fn fast_enough(
     Ok((fast_inputs, fast_outputs))
 }
 
-/// Links every output to the input that explains it best, no input to two outputs. `record` is in the steps of the fit,
-/// `raw` as it was logged.
+/// Links every output to the input that explains it best, each input to one output at most. `record` has the
+/// steps of the fit, `raw` those of the log.
 ///
 /// # Errors
-/// [`DraftError`]: the record is too short, nothing moves, nothing is explained.
+/// [`DraftError`]: the record is too short, no signal moves, or no output is explained.
 pub fn link(
     record: &Record,
     raw: &Record,
@@ -163,12 +165,12 @@ pub fn link(
             None => "too few valid samples".into(),
         },
     }));
-    // In the order in which the log's program has its axes.
+    // In the order of the axes in the log's program.
     links.sort_by_key(|l| outputs.iter().position(|o| *o == l.output));
     Ok(links)
 }
 
-/// The best that any input does for an output.
+/// Remark on the best response of an output to any input.
 fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
     let best = all.iter().find(|l| l.output == *output)?;
     Some(format!(
@@ -199,11 +201,11 @@ fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>,
     }))
 }
 
-/// Why nothing is explained: nothing moves, or what moves is not what the actuators do.
+/// Error when nothing is explained: nothing moves, or the motion is not due to the actuators.
 fn refusal(record: &Record, outputs: &[Chosen], found: Vec<String>) -> DraftError {
     let turns = |output: &&Chosen| record.get(&output.name).is_some_and(|s| s.unit == "rad/s");
     let rates: Vec<&Chosen> = outputs.iter().filter(turns).collect();
-    // An accelerometer shakes with engines that run on the ground; rates tell of motion.
+    // An accelerometer also shakes on the ground with running engines; only rates show motion.
     let judged: Vec<&Chosen> = if rates.is_empty() { outputs.iter().collect() } else { rates };
     let still = |output: &&Chosen| -> Option<String> {
         let values = own_samples(record, output);

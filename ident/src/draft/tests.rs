@@ -9,8 +9,8 @@ use super::{Choice, Draft, DraftError, Names, draft};
 
 const PERIOD_S: f64 = 0.01;
 
-/// Writes 60 s at 100 Hz of a roll rate that follows u_roll as `model` says, with process noise and a controller that
-/// reacts.
+/// Writes 60 s at 100 Hz of a roll rate that responds to u_roll according to `model`, with process noise and
+/// a controller in the loop.
 fn flight(dir: &tempfile::TempDir, model: &str, acting: bool) -> PathBuf {
     let text = format!(
         "{model}\ninputs = [{{ name = \"u_roll\" }}]\noutputs = [{{ name = \"roll_rate\", unit = \"rad/s\" }}]\n"
@@ -66,7 +66,7 @@ fn a_first_order_axis_is_found_as_one() {
     assert!((parameter(&found, "B[1,1]") - 24.0).abs() < 2.0, "{}", found.text());
     assert!(axis.heldout.fit > axis.heldout.own_past_fit + 5.0, "{}", found.text());
     let vehicle = Vehicle::parse(&found.toml, "flight.toml").unwrap();
-    // The gusts from sample to sample look like noise of the sensor too.
+    // Sample-to-sample gusts look like sensor noise too.
     assert!(vehicle.inputs[0].upper.is_finite() && (0.008..0.03).contains(&vehicle.outputs[0].noise));
     assert!(found.toml.starts_with("# A first vehicle file"), "{}", found.toml);
 }
@@ -82,7 +82,7 @@ fn a_delay_is_found_with_its_length() {
 fn a_lag_is_found_with_its_time_constant() {
     let found = drafted(&format!("{FIRST}\n{}", effect("actuator_lag", "time_constant_s", 0.06)));
     let axis = &found.axes[0];
-    // A second-order motion with two real poles is the same response.
+    // A second-order motion with two real poles has the same response.
     assert!(axis.structure.lag || axis.structure.order == 2, "{}", found.text());
     if axis.structure.lag {
         assert!((parameter(&found, "actuator_lag") - 0.06).abs() < 0.02, "{}", found.text());
@@ -141,8 +141,8 @@ fn rest_and_slow_logs_are_refused_with_the_reason() {
     assert!(short.contains("too short"), "{short}");
 }
 
-/// A body that turns freely (torque over inertia, motors that lag 50 ms) while a load swings below it, and a controller of
-/// attitude that answers the load: most of what the input does is to cancel what disturbs the vehicle.
+/// A freely rotating body (torque over inertia, motors with a lag of 50 ms) with a swinging load below it,
+/// and an attitude controller that reacts to the load: most of the input cancels the disturbance.
 fn under_a_swinging_load(dir: &tempfile::TempDir, acting: bool) -> PathBuf {
     let period_s = 0.005;
     let steps = 6000;
@@ -155,7 +155,7 @@ fn under_a_swinging_load(dir: &tempfile::TempDir, acting: bool) -> PathBuf {
         let wanted = if k % 200 < 100 { 0.02 * hand[k / 100 * 100] } else { 0.0 };
         let u = 0.6 * (wanted - angle) - 0.08 * y;
         csv.push_str(&format!("{},{u},{y}\n", k as f64 * period_s));
-        // The load swings at 1.6 Hz, hardly damped, driven by the air.
+        // The load swings at 1.6 Hz, lightly damped, excited by the air.
         swing += period_s * (-100.0 * load - 1.0 * swing + 400.0 * pushes[k]);
         load += period_s * swing;
         let acts = if acting { 60.0 * torque } else { -20.0 * angle - 4.0 * rate };
@@ -228,13 +228,13 @@ fn rotors_of_a_quadrotor_drive_its_axes_together() {
     let patterns = [[-1.0, -1.0, 1.0, 1.0], [1.0, -1.0, -1.0, 1.0], [1.0, -1.0, 1.0, -1.0]];
     for (output, (signs, name)) in patterns.iter().zip(["roll_rate", "pitch_rate", "yaw_rate"]).enumerate() {
         assert_eq!(vehicle.outputs[output].name, name);
-        // What a rotor comes to in the output, at the state that it drives.
+        // Total gain of a rotor at the state that it drives.
         let first = vehicle.state_index(name).unwrap();
         let row = (first..vehicle.states.len()).find(|i| vehicle.b[(*i, 0)] != 0.0).unwrap();
         let gains: Vec<f64> = (0..4).map(|j| vehicle.b[(row, j)] * signs[j]).collect();
         assert!(gains.iter().all(|g| *g > 0.0 && *g == gains[0]), "{name}: {gains:?}\n{}", found.text());
     }
-    // Motors lag alike: each is named once, or the motion has the lag as a pole of its own.
+    // Motors have the same lag: each is named once, or the motion has the lag as its own pole.
     let lags = vehicle.effects.iter().filter(|e| e.kind() == whirlstand_vehicle::Kind::ActuatorLag).count();
     assert!(lags == 0 || lags == 4, "{}", found.toml);
     assert_eq!(vehicle.map.iter().filter(|(_, source)| source.starts_with("motor.m")).count(), 4);

@@ -1,34 +1,34 @@
-//! A test flight under a controller that stays on.
+//! Simulated test flights with a controller in the loop.
 
 use whirlstand_control::{Controller, Estimator};
 use whirlstand_vehicle::{Simulator, SimulatorError, Vehicle};
 
-/// The controller that stays on, and where the test signal enters.
+/// The controller in the loop, and where the test signal enters.
 #[derive(Debug, Clone)]
 pub struct ClosedLoop {
     /// Name of the law, as in a launch file.
     pub law: String,
-    /// The law, at rest.
+    /// The law, at its initial state.
     pub controller: Controller,
-    /// The estimator that feeds the law, at rest.
+    /// The estimator that feeds the law, at its initial state.
     pub estimator: Estimator,
-    /// Where the test signal enters.
+    /// Point at which the test signal enters.
     pub through: InjectionPoint,
 }
 
-/// Where the test signal enters the loop.
+/// Point at which the test signal enters the loop.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum InjectionPoint {
-    /// The test signals are added to the command: one signal an input.
+    /// The test signals are added to the command: one signal per input.
     Command,
-    /// The test signals move the setpoint: one signal for each of the states with these indices.
+    /// The test signals are added to the setpoint: one signal for each of the states with these indices.
     Setpoint(Vec<usize>),
 }
 
 /// Signals of a simulated flight, steps x signals, row after row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightData {
-    /// Inputs in force, steps x inputs, SI.
+    /// Applied inputs, steps x inputs, SI.
     pub inputs: Vec<f64>,
     /// Outputs, steps x outputs, SI.
     pub outputs: Vec<f64>,
@@ -36,7 +36,8 @@ pub struct FlightData {
     pub diverged: bool,
 }
 
-/// Flies test signals without noise, as the bench runs them; `closed` is the loop that stays closed, if any.
+/// Simulates test signals without noise, with the timing of the bench; `closed` is the controller in the
+/// loop, if any.
 ///
 /// # Errors
 /// When the vehicle cannot be simulated.
@@ -62,7 +63,7 @@ fn open(vehicle: &Vehicle, period_s: f64, signals: &[Vec<f64>]) -> Result<Flight
 }
 
 impl ClosedLoop {
-    /// Step j: the command of j - 1 is in force, sensors are read, filter and law answer with command j.
+    /// Step j: the command of step j - 1 is applied, sensors are read, filter and law compute command j.
     fn fly(
         &self,
         vehicle: &Vehicle,

@@ -1,4 +1,4 @@
-//! Accuracy to expect of a flight: Cramer and Rao's bounds of the parameters, detectability of effects.
+//! Expected accuracy of a flight: Cramer-Rao bounds of the parameters, detectability of effects.
 
 use crate::identify::sweep::simulation;
 use nalgebra::{DMatrix, DVector};
@@ -15,11 +15,11 @@ use crate::identify::problem::{Problem, Sweep};
 use crate::identify::spread::undetermined;
 use crate::identify::{Nuisance, filter_error};
 
-/// Detectability that a test needs.
+/// Detectability that a test requires.
 const NEEDED: f64 = 12.0;
 
-/// Effects that are judged: kind, parameters that make it null, the parameter that grows, and its size. Sizes with the
-/// unit of the signal are in shares of its greatest value.
+/// Effects whose detectability is computed: kind, parameters of the null effect, the varied parameter, and
+/// its size. Sizes with the unit of the signal are shares of its largest value.
 type Row = (Kind, &'static [(&'static str, f64)], &'static str, f64, bool);
 const INPUT: &[Row] = &[
     (Kind::InputDelay, &[("delay_s", 0.0)], "delay_s", 0.02, false),
@@ -65,8 +65,7 @@ fn segment(vehicle: &Vehicle, period_s: f64, flown: FlightData) -> Segment {
     }
 }
 
-/// What looks at a flight: the simulation that a fit of an open loop runs, or the predictor that one of a closed loop
-/// runs.
+/// Model that evaluates a flight: the simulation of an open-loop fit, or the predictor of a closed-loop fit.
 struct Observer<'a> {
     problem: &'a Problem,
     noise: &'a [f64],
@@ -84,13 +83,14 @@ impl<'a> Observer<'a> {
             problem.parameters.iter().map(|p| problem.vehicle.free_value(&p.target)).collect();
         let kind = if closed {
             let structure = NoiseStructure::new(problem);
-            // Nothing but the sensors is noisy; what drives the states only keeps the filter from closing its eyes.
+            // Only the sensors are noisy; a small process noise keeps the filter gain from vanishing.
             let least = noise.iter().copied().filter(|n| *n > 0.0).fold(f64::INFINITY, f64::min);
             let driving = (1e-3 * least / problem.period_s.sqrt()).ln();
             let measuring = structure.outputs.iter().map(|i| noise[*i].ln());
             let noises: Vec<f64> = structure.states.iter().map(|_| driving).chain(measuring).collect();
             let pattern = Pattern::of(data, problem.p());
-            // With fixed gains, so that what an effect leaves in the innovations does not enter the sensitivities.
+            // Gains are fixed, so that an effect's contribution to the innovations does not enter the
+            // sensitivities.
             Form::Predictor(Gains::new(problem, &structure, &pattern, &theta, &noises, false)?, theta)
         } else {
             Form::Simulation(simulation(problem, &theta)?)
@@ -98,13 +98,13 @@ impl<'a> Observer<'a> {
         Some(Self { problem, noise, kind })
     }
 
-    /// Normal equations of parameters and initial state over `data`, whitened; the residual is what `data` show
-    /// beside `nominal`, or what the predictor does not expect of them.
+    /// Normal equations of parameters and initial state over `data`, whitened; the residual is the difference
+    /// of `data` from `nominal`, or the predictor's innovations.
     fn sums(&self, data: &Segment, nominal: &Segment) -> Option<Sums> {
         match &self.kind {
             Form::Predictor(gains, theta) => {
                 let sums = filter_error::sums(self.problem, gains, data, theta)?;
-                // The noises are taken as known.
+                // The noise parameters are taken as known.
                 let keep: Vec<usize> = (0..sums.right.len())
                     .filter(|i| !(theta.len()..theta.len() + gains.noise_parameters).contains(i))
                     .collect();
@@ -135,7 +135,7 @@ impl<'a> Observer<'a> {
     }
 }
 
-/// Fills in what to expect of the parameters and of the effects.
+/// Computes the expected accuracy of the parameters and the detectability of the effects.
 pub fn expect(
     vehicle: &Vehicle,
     flight: &mut Flight,
@@ -172,7 +172,8 @@ pub fn expect(
     Ok(())
 }
 
-/// Least standard errors. Parameters that the flight does not determine are left out one after the other, as in a fit.
+/// Smallest standard errors. Parameters that the flight does not determine are left out one after the other,
+/// as in a fit.
 fn parameters(problem: &Problem, information: &DMatrix<f64>) -> Vec<ExpectedParameter> {
     let np = problem.parameters.len();
     let reduced = crate::identify::spread::marginal(information, np);

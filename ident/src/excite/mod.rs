@@ -1,4 +1,4 @@
-//! Design of test flights: inputs that excite the vehicle within limits, and the accuracy to expect of a fit.
+//! Design of test flights: inputs that excite the vehicle within limits, and the expected accuracy of a fit.
 
 mod closed_loop;
 mod expectation;
@@ -15,7 +15,7 @@ pub use closed_loop::{ClosedLoop, FlightData, InjectionPoint, fly};
 pub use flight::*;
 pub use signals::{Kind, Shape};
 
-/// Designs a flight for `vehicle` as its file describes it, effects included.
+/// Designs a test flight for `vehicle` with the effects of its file.
 ///
 /// # Errors
 /// [`ExciteError`].
@@ -73,7 +73,7 @@ pub fn design(vehicle: &Vehicle, options: &Options) -> Result<Flight, ExciteErro
     Ok(flight)
 }
 
-/// Whether the frequencies fit the flight, and the limits the vehicle.
+/// Checks the frequencies against the flight, and the limits against the vehicle.
 fn check(vehicle: &Vehicle, options: &Options) -> Result<(), ExciteError> {
     let shape = &options.shape;
     let duration_s = options.shape.duration_s();
@@ -98,18 +98,18 @@ fn check(vehicle: &Vehicle, options: &Options) -> Result<(), ExciteError> {
     Ok(())
 }
 
-/// Test signals within the limits, and the flight that they make.
+/// Test signals within the limits, and the simulated flight.
 struct Drawn {
     signals: Vec<Vec<f64>>,
     flown: FlightData,
-    /// By how much they are smaller than asked for.
+    /// Factor by which the signals are smaller than requested.
     shrunk: f64,
-    /// Whether every step is answered by its opposite.
+    /// True when every step is followed by its opposite.
     returning: bool,
 }
 
-/// Draws the signals. What integrates its inputs wanders off under random steps, however stable it is: there every step is
-/// answered by its opposite where that allows larger ones.
+/// Generates the signals. A vehicle that integrates its inputs drifts under random steps even if it is stable
+/// otherwise: there every step is followed by its opposite where that allows larger amplitudes.
 fn draw(
     vehicle: &Vehicle,
     options: &Options,
@@ -140,18 +140,19 @@ fn draw(
     }
 }
 
-/// Greatest size of a pole that counts as one at zero, as a share of the largest: a double pole is found to the root of the
-/// rounding error.
+/// Largest magnitude of a pole that counts as zero, as a share of the largest pole: a double pole is accurate
+/// to the root of the rounding error.
 const ZERO_POLE_SHARE: f64 = 1e-6;
 
-/// How many poles of a vehicle are at zero; none when another grows.
+/// Number of poles at zero; 0 when another pole is unstable.
 fn integrations(vehicle: &Vehicle) -> usize {
     let poles = vehicle.poles().unwrap_or_default();
     let zero = ZERO_POLE_SHARE * poles.iter().map(|p| p.norm()).fold(0.0, f64::max);
     if poles.iter().any(|p| p.re > zero) { 0 } else { poles.iter().filter(|p| p.norm() <= zero).count() }
 }
 
-/// Makes the signals smaller until the predicted outputs stay within their limits: the flight, and by which factor.
+/// Reduces the signals until the predicted outputs stay within their limits; returns the flight and the
+/// factor.
 fn fly_within(
     vehicle: &Vehicle,
     options: &Options,
@@ -161,7 +162,7 @@ fn fly_within(
     let (shape, closed) = (&options.shape, options.closed.as_ref());
     let mut flown = fly(vehicle, shape.period_s, signals, closed)?;
     let mut shrunk = 1.0;
-    // A linear vehicle needs one step, one with thresholds a few.
+    // A linear vehicle needs one iteration, one with thresholds a few.
     for _ in 0..40 {
         let peaks = peaks(&flown, vehicle.outputs.len());
         let worst = peaks.iter().zip(limits).map(|(p, l)| p / l).fold(0.0, f64::max);
@@ -192,7 +193,7 @@ fn limits(vehicle: &Vehicle, options: &Options) -> Vec<f64> {
         .collect()
 }
 
-/// SI units of the inputs, and of the states whose setpoints move.
+/// SI units of the inputs, and of the states whose setpoints are excited.
 fn units(vehicle: &Vehicle, options: &Options) -> BTreeMap<String, ShownUnit> {
     let mut units: BTreeMap<String, ShownUnit> =
         vehicle.inputs.iter().map(|i| (i.name.clone(), i.unit.shown())).collect();
@@ -203,7 +204,7 @@ fn units(vehicle: &Vehicle, options: &Options) -> BTreeMap<String, ShownUnit> {
     units
 }
 
-/// Name and greatest value of each test signal.
+/// Name and largest value of each test signal.
 fn tops(vehicle: &Vehicle, options: &Options, limits: &[f64]) -> Result<Vec<(String, f64)>, ExciteError> {
     if let Some(ClosedLoop { through: InjectionPoint::Setpoint(states), .. }) = &options.closed {
         return states
@@ -231,12 +232,12 @@ fn tops(vehicle: &Vehicle, options: &Options, limits: &[f64]) -> Result<Vec<(Str
         .collect())
 }
 
-/// Greatest predicted values of the outputs.
+/// Largest absolute predicted value of each output.
 fn peaks(flown: &FlightData, outputs: usize) -> Vec<f64> {
     if flown.diverged { vec![f64::INFINITY; outputs] } else { greatest_of(&flown.outputs, outputs) }
 }
 
-/// Greatest absolute value of each column.
+/// Largest absolute value of each column.
 fn greatest_of(rows: &[f64], columns: usize) -> Vec<f64> {
     let mut greatest = vec![0.0f64; columns];
     for row in rows.chunks_exact(columns.max(1)) {

@@ -1,11 +1,11 @@
-//! Test inputs of flight identification, of amplitude one.
+//! Test inputs for flight identification, with amplitude one.
 
 use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Stream;
 
-/// The kinds of test input.
+/// Kind of test input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -46,8 +46,8 @@ impl Shape {
     }
 }
 
-/// Signals of `m` inputs, one vector each, within -1 to 1. The first and the last second are quiet. What integrates an input
-/// `integrations` times comes back after every random step.
+/// Signals of `m` inputs, one vector each, within -1 to 1. The first and the last second are zero. Where the
+/// vehicle integrates an input `integrations` times, that integral returns to zero after every random step.
 pub fn signals(shape: &Shape, m: usize, integrations: usize) -> Vec<Vec<f64>> {
     let quiet = ((1.0 / shape.period_s) as usize).min(shape.steps / 10);
     let active = shape.steps - 2 * quiet;
@@ -66,8 +66,8 @@ pub fn signals(shape: &Shape, m: usize, integrations: usize) -> Vec<Vec<f64>> {
     all
 }
 
-/// A pattern of equal steps, repeated: each input in turn, to one side and to the other, at three tempos between the
-/// lowest and the highest frequency, a rest of one pattern after each.
+/// A repeated pattern of equal steps: each input in turn, with both signs, at three step lengths between the
+/// lowest and the highest frequency, followed by a rest of one pattern.
 fn one_by_one(shape: &Shape, active: usize, m: usize, pattern: &[f64]) -> Vec<Vec<f64>> {
     let mut all = vec![vec![0.0; active]; m];
     let ratio = shape.highest_hz / shape.lowest_hz;
@@ -75,7 +75,7 @@ fn one_by_one(shape: &Shape, active: usize, m: usize, pattern: &[f64]) -> Vec<Ve
     loop {
         // A doublet's power peaks near 2.3 rad over the length of its step (Jategaonkar 2015, section 2.4).
         let frequency = shape.lowest_hz * ratio.powf(0.25 + 0.25 * (turn / (2 * m) % 3) as f64);
-        // Every input gets its turn, however short the flight.
+        // Every input is excited, however short the flight.
         let longest = active / (2 * pattern.len() * m);
         let unit = ((2.3 / (TAU * frequency) / shape.period_s).round() as usize).min(longest).max(1);
         let (input, side) = (turn % m, if (turn / m).is_multiple_of(2) { 1.0 } else { -1.0 });
@@ -91,7 +91,8 @@ fn one_by_one(shape: &Shape, active: usize, m: usize, pattern: &[f64]) -> Vec<Ve
     }
 }
 
-/// The signs of equal steps after which an integral, or a double one, is where it began (Thue and Morse).
+/// Signs of equal steps after which a single or double integral returns to its initial value (Thue-Morse
+/// sequence).
 fn returning(integrations: usize) -> &'static [f64] {
     match integrations {
         0 => &[1.0],
@@ -104,11 +105,12 @@ fn multistep(shape: &Shape, active: usize, input: usize, signs: &[f64]) -> Vec<f
     let mut stream = Stream::new(shape.seed, &format!("multistep {input}"));
     let mut signal = Vec::with_capacity(active);
     while signal.len() < active {
-        // Half periods between those of the lowest and of the highest frequency, evenly on a logarithmic scale.
+        // Half periods between those of the lowest and of the highest frequency, uniformly on a logarithmic
+        // scale.
         let frequency = shape.lowest_hz * (shape.highest_hz / shape.lowest_hz).powf(stream.uniform());
         let length = ((0.5 / frequency / shape.period_s) as usize).max(1);
         let value = if stream.chance(0.2) { 0.0 } else { 2.0 * stream.uniform() - 1.0 };
-        // A step that has no time to come back is not flown.
+        // A step without enough time to return is left out.
         if signs.len() > 1 && signal.len() + signs.len() * length > active {
             signal.resize(active, 0.0);
         }
@@ -148,7 +150,7 @@ fn multisine(shape: &Shape, active: usize, m: usize) -> Vec<Vec<f64>> {
             let count = harmonics.len().max(1) as f64;
             let mut phases: Vec<f64> =
                 (0..harmonics.len()).map(|i| -std::f64::consts::PI * (i * i) as f64 / count).collect();
-            // The signal is sampled finely enough to see its peaks, no finer.
+            // The signal is sampled finely enough to resolve its peaks.
             let points = (last * 8).max(64);
             let tables: Vec<(Vec<f64>, Vec<f64>)> = harmonics
                 .iter()
@@ -239,7 +241,7 @@ mod tests {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
         let (a, b) = (&all[0], &all[1]);
         assert!(dot(a, b).abs() < 1e-3 * (dot(a, a) * dot(b, b)).sqrt());
-        // Peak over root mean square: sqrt(2) for one sine, far above 3 for random phases.
+        // Crest factor: sqrt(2) for one sine, far above 3 for random phases.
         let rms = (dot(a, a) / 5800.0).sqrt();
         assert!(1.0 / rms < 1.7, "{}", 1.0 / rms);
     }

@@ -19,7 +19,7 @@ impl Flight {
             (Some(law), "setpoint") => format!("the setpoint under {law}"),
             (Some(law), _) => format!("added to the command of {law}"),
         };
-        // Writing to a String cannot fail.
+        // Writing to a String is infallible.
         let _ = writeln!(
             out,
             "{:.1} s for '{}', {} to {}",
@@ -71,12 +71,12 @@ impl Flight {
         self.units.get(name).map_or("", ShownUnit::si_symbol)
     }
 
-    /// How a test signal or an input is shown.
+    /// Unit in which a test signal or an input is shown.
     fn shown(&self, name: &str) -> ShownUnit {
         self.units.get(name).cloned().unwrap_or_default()
     }
 
-    /// The test signals as CSV, SI: time, then one column a signal.
+    /// The test signals as CSV, SI: time, then one column per signal.
     pub fn csv(&self) -> String {
         let mut out = String::from("t[s]");
         for (name, _) in &self.amplitudes {
@@ -96,8 +96,8 @@ impl Flight {
         out
     }
 
-    /// A launch file that flies the test signals; `reference` is the vehicle's built-in name or path, `controller` the
-    /// lines of `[controller]` beside the law. Values are those of [`Flight::csv`], with their units.
+    /// A launch file for the test flight; `reference` is the vehicle's built-in name or path, `controller`
+    /// the lines of `[controller]` besides the law. Values are those of [`Flight::csv`], with their units.
     pub fn launch(&self, reference: &str, controller: &str) -> String {
         let law = self.controller.as_deref().unwrap_or("manual");
         let role = match (&self.controller, self.through.as_str()) {

@@ -1,21 +1,22 @@
-//! Lags between sensors of different clocks, from the motion that they share.
+//! Lags between sensors of different clocks, from the motion that both measure.
 //!
-//! Where the vehicle file says that one output is the integral of another (an angle and its rate: a row of A with one
-//! entry that is not free, and no input), both must show one motion. Sensors of the same computer as the inputs are
-//! usually rates; the integral, of a camera or a satellite receiver, is the one that comes late.
+//! Where the vehicle file defines one output as the integral of another (an angle and its rate: a row of A
+//! with one entry that is not free, and no input), both must show one motion. Rates usually come from a
+//! sensor on the same computer as the inputs; the integral, of a camera or a satellite receiver, is the
+//! delayed one.
 
 use serde::{Deserialize, Serialize};
 use whirlstand_logs::{Record, Series, time_offset};
 use whirlstand_vehicle::Vehicle;
 
-/// Longest lag that is looked for, s.
+/// Longest lag searched for, s.
 const LONGEST_S: f64 = 0.5;
-/// Time over which both are smoothed, s.
+/// Length of the moving average of both signals, s.
 const SMOOTHING_S: f64 = 0.25;
-/// Correlation from which a lag is believed.
+/// Smallest correlation with which a lag is accepted.
 const LEAST_CORRELATION: f64 = 0.7;
 
-/// The lag of an output behind the output that is its derivative.
+/// Lag of an output behind the output that is its derivative.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Lag {
     /// Name of the output that lags.
@@ -30,8 +31,8 @@ pub struct Lag {
     pub certain: bool,
 }
 
-/// The lags that a record shows; outputs without a derivative among the outputs are left out, as are those that do not
-/// move.
+/// The lags in a record; outputs without a derivative among the outputs and outputs that do not move are left
+/// out.
 pub fn lags(record: &Record, vehicle: &Vehicle) -> Vec<Lag> {
     if record.time_unit != "s" {
         return Vec::new();
@@ -74,7 +75,7 @@ fn lag(record: &Record, angle: &str, rate: &str) -> Option<whirlstand_logs::Time
     time_offset(&rate, &slope, LONGEST_S).ok()
 }
 
-/// A centred mean over [`SMOOTHING_S`], the same for both, so that neither is moved.
+/// Centred moving average over [`SMOOTHING_S`], the same for both signals, so that it adds no lag.
 fn smoothed(series: &Series) -> Vec<(f64, f64)> {
     let (time, values) = (series.time(), series.values());
     let (mut first, mut end, mut sum) = (0, 0, 0.0);

@@ -1,4 +1,4 @@
-//! The result of an identification as data.
+//! Result of an identification as data.
 
 use std::collections::BTreeMap;
 use whirlstand_logs::shown::ShownUnit;
@@ -9,77 +9,78 @@ use whirlstand_vehicle::Vehicle;
 use super::options::Method;
 use super::pem::Noise;
 
-/// Schema of [`Identification`].
+/// Schema identifier of [`Identification`].
 pub const IDENTIFICATION_SCHEMA: &str = "whirlstand.identification.v1";
 
-/// A fitted vehicle, how sure it is, and how well it fits the records.
+/// Result of an identification: the fitted vehicle, its accuracy, and its fit to the records.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identification {
-    /// Always [`IDENTIFICATION_SCHEMA`].
+    /// Schema identifier, always [`IDENTIFICATION_SCHEMA`].
     pub schema: String,
-    /// The result in a sentence.
+    /// The result as a sentence.
     pub verdict: String,
-    /// True when the search was ended early, by hand or by its budget of time: then this is the best that was found by then.
+    /// True when the search was stopped early, by hand or by its time budget: the answer is then the best
+    /// found so far.
     #[serde(default)]
     pub partial: bool,
     /// Name of the vehicle.
     pub vehicle: String,
-    /// How the cost was minimised.
+    /// Minimisation method.
     pub method: Method,
-    /// How residuals were modelled.
+    /// Noise model of the residuals.
     pub noise: Noise,
     /// True when a controller was in the loop.
     pub closed_loop: bool,
-    /// Seed of everything random.
+    /// Seed of the random numbers.
     pub seed: u64,
     /// Version of this program.
     pub version: String,
-    /// The data.
+    /// The parts of the data.
     pub data: Vec<DataPart>,
     /// Time between two steps, s.
     pub period_s: f64,
-    /// How the search ended.
+    /// Effort and success of the search.
     pub search: SearchSummary,
     /// Fitted parameters.
     pub parameters: Vec<ParameterAnswer>,
-    /// Correlations of the fitted parameters, in their order, row after row.
+    /// Correlation matrix of the fitted parameters, in their order, row after row.
     pub correlations: Vec<Vec<f64>>,
-    /// Parameters that the data do not determine, fixed.
+    /// Parameters that the data do not determine, and that were fixed.
     pub fixed: Vec<FixedAnswer>,
     /// Poles of the fitted model.
     pub poles: Vec<Pole>,
     /// Figures of the outputs, by name.
     pub outputs: BTreeMap<String, OutputAnswer>,
-    /// False when the standard errors are too small because something acted in the record that the model does not have, and
-    /// when the search was ended before its minimum.
+    /// False when the standard errors are too small because an unmodelled disturbance is in the record, or
+    /// when the search was stopped before its minimum.
     pub standard_errors_hold: bool,
-    /// Stretches of the identification data where something acts that the model does not have.
+    /// Stretches of the identification data with an unmodelled disturbance.
     pub disturbed: Vec<Disturbed>,
-    /// What else should be known.
+    /// Further remarks on the result.
     pub remarks: Vec<String>,
-    /// The fitted vehicle file, if it was written.
+    /// Path of the fitted vehicle file, if it was written.
     pub fitted_vehicle: Option<String>,
     /// The fitted vehicle itself.
     #[serde(skip)]
     pub fitted: Option<Box<Vehicle>>,
-    /// The signals, for the report.
+    /// Signals for the report.
     #[serde(skip)]
     pub series: Vec<PartSeries>,
 }
 
-/// A part of a log.
+/// A log file with its checksum.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Log {
-    /// The file.
+    /// Path of the file.
     pub file: String,
     /// SHA-256 of the file, hexadecimal; empty for data that came from no file.
     pub sha256: String,
 }
 
-/// One stretch of data and what it served for.
+/// A part of the data and its role.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DataPart {
-    /// Where the record was read from.
+    /// Log from which the part was read.
     pub log: Log,
     /// Start, s of the record's clock.
     pub from_s: f64,
@@ -87,25 +88,25 @@ pub struct DataPart {
     pub until_s: f64,
     /// Number of steps.
     pub samples: usize,
-    /// Identification or control.
+    /// Role of the part: identification or control.
     pub role: Role,
-    /// State at the start, by name, SI.
+    /// Initial state of the part, by name, SI.
     pub initial_state: BTreeMap<String, f64>,
-    /// Constant error of the outputs, by name, SI; empty when none was estimated.
+    /// Offsets of the outputs, by name, SI; empty when none were estimated.
     pub offsets: BTreeMap<String, f64>,
 }
 
-/// What data served for.
+/// Role of a part of the data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// The parameters were fitted to it.
+    /// Data to which the parameters were fitted.
     Identification,
-    /// It was held out to check the fit.
+    /// Data held out for validation.
     Control,
 }
 
-/// How a search ended.
+/// Effort and success of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SearchSummary {
     /// True when the search ended at a minimum.
@@ -114,7 +115,7 @@ pub struct SearchSummary {
     pub iterations: usize,
     /// Number of evaluations of the cost, those of the genetic algorithm included.
     pub evaluations: usize,
-    /// Cost at the end: for `ga` the mean of the normalised mean square errors, else the negative log-likelihood.
+    /// Final cost: for `ga` the mean of the normalised mean square errors, else the negative log-likelihood.
     pub cost: f64,
     /// Wall-clock time, s.
     pub seconds: f64,
@@ -129,13 +130,13 @@ pub struct ParameterAnswer {
     pub value: f64,
     /// Standard error of the value; `None` where the method gives none.
     pub standard_error: Option<f64>,
-    /// Least value allowed.
+    /// Lower bound.
     pub lower: f64,
-    /// Greatest value allowed.
+    /// Upper bound.
     pub upper: f64,
     /// True when the value lies at one of its bounds.
     pub at_bound: bool,
-    /// Unit of the value, its error and its bounds; empty for a pure number.
+    /// Unit of the value, its error and its bounds; empty for a dimensionless number.
     #[serde(default)]
     pub unit: String,
     /// Estimated value in SI.
@@ -148,14 +149,14 @@ pub struct ParameterAnswer {
 /// A parameter that was fixed, in the units of the vehicle file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FixedAnswer {
-    /// Name.
+    /// Name of the parameter.
     pub name: String,
-    /// The value at which it was fixed.
+    /// Value at which the parameter was fixed.
     pub value: f64,
-    /// Unit of the value; empty for a pure number.
+    /// Unit of the value; empty for a dimensionless number.
     #[serde(default)]
     pub unit: String,
-    /// Why the data do not determine it.
+    /// Reason why the data do not determine the parameter.
     pub why: String,
 }
 
@@ -175,21 +176,21 @@ pub struct Pole {
 /// Figures of one output, SI.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OutputAnswer {
-    /// SI unit.
+    /// SI unit of the output.
     pub unit: ShownUnit,
-    /// Figures on the data that were fitted.
+    /// Figures on the identification data.
     pub identification: Option<Quality>,
-    /// Figures on the data that were held out.
+    /// Figures on the held-out data.
     pub control: Option<Quality>,
     /// Standard deviation of the part of the output that cannot be predicted one step ahead.
     pub noise_std: f64,
-    /// Order of the noise's autoregressive model; 0 for white noise and for Kalman's form.
+    /// Order of the autoregressive noise model; 0 for white noise and for the innovations form.
     pub noise_order: usize,
-    /// Whether the one-step residuals are white.
+    /// Whiteness test of the one-step residuals.
     pub whiteness: Option<Whiteness>,
 }
 
-/// How well an output is repeated.
+/// Quality of a model's reproduction of an output.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Quality {
     /// 100 (1 - norm(y - y_sim) / norm(y - mean y)) of the free-running simulation, %.
@@ -202,48 +203,48 @@ pub struct Quality {
     pub one_step_fit: Option<f64>,
 }
 
-/// A stretch where one-step residuals are far greater than elsewhere: a gust, a fault.
+/// A stretch with one-step residuals far larger than elsewhere: a gust, a fault.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Disturbed {
     /// Start, s of the record's clock.
     pub from_s: f64,
     /// End, s of the record's clock.
     pub until_s: f64,
-    /// The output whose residuals stand out most.
+    /// The output with the most unusual residuals.
     pub output: String,
-    /// Root mean square of the residuals of that output in the stretch, over their usual size.
+    /// Root mean square of that output's residuals in the stretch, relative to its usual value.
     pub ratio: f64,
 }
 
-/// Ljung and Box's test on the one-step residuals.
+/// Ljung-Box test of the one-step residuals.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Whiteness {
     /// Number of lags in the test.
     pub lags: usize,
-    /// Probability of a statistic as great from white noise.
+    /// Probability of at least this test statistic for white noise.
     pub p_value: f64,
-    /// Autocorrelation of the greatest magnitude at a lag from 1 on.
+    /// Autocorrelation of largest magnitude at the lags from 1 on.
     pub greatest: f64,
-    /// True when the residuals pass at 1 %.
+    /// True when the residuals pass the test at 1 %.
     pub white: bool,
     /// Autocorrelation at the lags from 1 on.
     pub autocorrelation: Vec<f64>,
-    /// White noise stays within this at 99 % of the lags.
+    /// Bound within which the autocorrelation of white noise stays at 99 % of the lags.
     pub bound: f64,
 }
 
-/// The signals of one part of the data.
+/// Signals of one part of the data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PartSeries {
-    /// Identification or control.
+    /// Role of the part: identification or control.
     pub role: Role,
-    /// Where it was read from.
+    /// Path of the record.
     pub origin: String,
     /// Time, s of the record's clock.
     pub t: Vec<f64>,
-    /// Period, s.
+    /// Sampling period, s.
     pub period_s: f64,
-    /// Inputs: name, SI unit, one value a step.
+    /// Inputs: name, SI unit, one value per step.
     pub inputs: Vec<(String, ShownUnit, Vec<f64>)>,
     /// Fitted outputs.
     pub outputs: Vec<OutputSeries>,
@@ -252,12 +253,12 @@ pub struct PartSeries {
 /// The signals of one output, SI; NaN where there is no value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputSeries {
-    /// Name.
+    /// Name of the output.
     pub name: String,
-    /// SI unit.
+    /// SI unit of the output.
     pub unit: ShownUnit,
     /// Measured values.
     pub measured: Vec<f64>,
-    /// Values of the free-running simulation, offset included.
+    /// Values of the free-running simulation, including the estimated offset.
     pub simulated: Vec<f64>,
 }

@@ -17,8 +17,9 @@ impl Ar {
         Self { coefficients: Vec::new(), variance }
     }
 
-    /// Fits runs of residuals (mean not removed) by Burg's method over all runs together, with the order up to
-    /// `most` that BIC prefers. Burg's models are always stable (Burg 1975; Kay and Marple, Proc. IEEE 69, 1981).
+    /// Fits runs of residuals (mean not removed) by Burg's method over all runs together, with the order up
+    /// to `most` that BIC selects. Burg's models are always stable (Burg 1975; Kay and Marple, Proc. IEEE 69,
+    /// 1981).
     pub fn fit(runs: &[Vec<f64>], most: usize) -> Self {
         let total: usize = runs.iter().map(Vec::len).sum();
         if total == 0 {
@@ -65,7 +66,7 @@ impl Ar {
         best.1
     }
 
-    /// Fits a single run like [`Ar::fit`], but stops once several orders in a row were no better.
+    /// Fits a single run like [`Ar::fit`], but stops once several orders in a row bring no improvement.
     pub fn burg(run: &[f64], most: usize) -> Self {
         const PATIENCE: usize = 5;
         let n = run.len() as f64;
@@ -107,7 +108,7 @@ impl Ar {
         self.coefficients.len()
     }
 
-    /// A(q) applied to a run of residuals; what lies before it counts as zero.
+    /// Applies A(q) to a run of residuals, with zeros before its beginning.
     ///
     /// # Panics
     /// When `out` is not as long as the run.
@@ -116,7 +117,7 @@ impl Ar {
         filter(&self.coefficients, run, out);
     }
 
-    /// The white part of a run of residuals; the first `order` values are left out.
+    /// The white part of a run of residuals, without the first `order` values.
     pub fn whiten(&self, run: &[f64]) -> Vec<f64> {
         let q = self.order();
         (q..run.len())
@@ -133,7 +134,7 @@ pub struct RowFilter {
     coefficients: Vec<f64>,
     inverse: bool,
     width: usize,
-    /// Ring of the last rows: of what came in, or of what went out for the inverse.
+    /// Ring buffer of the last rows: inputs of A(q), or outputs of the inverse.
     ring: Vec<f64>,
     newest: usize,
     filled: usize,
@@ -155,7 +156,7 @@ impl RowFilter {
         }
     }
 
-    /// Forgets all past rows, as after a gap.
+    /// Clears all past rows, as after a gap.
     pub fn reset(&mut self) {
         self.filled = 0;
         self.ring.fill(0.0);
@@ -183,7 +184,7 @@ impl RowFilter {
     }
 }
 
-/// Sum of products, and of both squares, each in eight independent sums.
+/// Inner product, and both sums of squares, each in eight independent sums.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
 fn correlation(forward: &[f64], backward: &[f64]) -> (f64, f64) {
     let (mut cross, mut power) = ([0.0; 8], [0.0; 8]);
@@ -211,7 +212,7 @@ fn reflect(forward: &mut [f64], backward: &mut [f64], reflection: f64) {
     }
 }
 
-/// In blocks that stay in the processor's first cache.
+/// Filters in blocks that fit into the first-level cache.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
 fn filter(coefficients: &[f64], run: &[f64], out: &mut [f64]) {
     const BLOCK: usize = 512;
@@ -284,7 +285,7 @@ mod tests {
             }
         }
         assert_eq!(seen, white.len());
-        // From rest, 1/A(q) of A(q) y is y.
+        // From zero initial conditions, 1/A(q) of A(q) y is y.
         for k in 0..y.len() {
             let past: f64 = (0..2).map(|i| if k > i { ar.coefficients[i] * y[k - 1 - i] } else { 0.0 }).sum();
             let back = colour.next(&[y[k] + past]).unwrap()[0];

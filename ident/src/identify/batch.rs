@@ -1,7 +1,7 @@
 //! Costs of many simulations at once, without sensitivities, for the genetic algorithm.
 //!
-//! Sixteen models run side by side in one loop, so that their arithmetic fills the machine's vectors instead of waiting
-//! for one recursion.
+//! Sixteen models are simulated side by side in one loop, so that their arithmetic uses the full vector width
+//! instead of waiting for one recursion.
 
 use multiversion::multiversion;
 use whirlstand_vehicle::{Simulator, discretise};
@@ -20,17 +20,17 @@ const LARGEST: f64 = 1e9;
 pub struct Batch<'p> {
     problem: &'p Problem,
     segments: &'p [Segment],
-    /// Weight over (number of values times their variance), for each output.
+    /// Weight of each output divided by its number of values times their variance.
     scale: Vec<f64>,
-    /// States that an output shows: state, output, gain.
+    /// States that an output measures: state, output, gain.
     measuring: Vec<(usize, usize, f64)>,
-    /// Steps after which the states that an output measures start anew from the record.
+    /// Steps after which the measured states are reset to the record.
     horizon: usize,
 }
 
 impl<'p> Batch<'p> {
-    /// Simulations of `segments`. The cost of a point is the weighted mean over the outputs of the mean square error
-    /// divided by the variance of the output; it has no unit.
+    /// Simulations of `segments`. The cost of a point is the weighted mean over the outputs of the mean
+    /// square error divided by the variance of the output; it is dimensionless.
     pub fn new(problem: &'p Problem, segments: &'p [Segment]) -> Self {
         let p = problem.p();
         let total: f64 = problem.weights.iter().sum();
@@ -48,14 +48,15 @@ impl<'p> Batch<'p> {
         Self { scale: scale.collect(), problem, segments, measuring: measuring.collect(), horizon }
     }
 
-    /// A batch whose simulations run freely for `steps` only: after that, the states that an output measures start anew
-    /// from the record. The shorter the run, the smoother the cost is as a function of the parameters, the more it is
-    /// that of an equation error, and the more noise matters (Ribeiro et al., Automatica 121, 2020).
+    /// A batch whose simulations run freely for `steps` only: then the states that an output measures are
+    /// reset to the record. The shorter the run, the smoother the cost is as a function of the parameters,
+    /// the more it resembles an equation error, and the larger the effect of noise (Ribeiro et al.,
+    /// Automatica 121, 2020).
     pub fn with_horizon(&self, steps: usize) -> Self {
         Self { horizon: steps.max(1), ..self.clone() }
     }
 
-    /// True when some state can start anew from the record.
+    /// True when some state can be reset to the record.
     pub fn restarts(&self) -> bool {
         !self.measuring.is_empty()
     }
@@ -69,7 +70,7 @@ impl<'p> Batch<'p> {
         self.problem.parameters.len() + self.problem.nuisances() * self.segments.len()
     }
 
-    /// Costs of up to [`LANES`] points; infinity where a simulation leaves all bounds.
+    /// Costs of up to [`LANES`] points; infinite where a simulation diverges.
     pub fn costs(&self, points: &[&[f64]]) -> Vec<f64> {
         debug_assert!(points.len() <= LANES);
         if self.problem.is_plain() {
@@ -147,19 +148,20 @@ impl<'p> Batch<'p> {
     }
 }
 
-/// Models side by side.
+/// Models simulated side by side.
 struct Models {
     states: usize,
-    /// States and inputs.
+    /// Number of states and inputs.
     width: usize,
     /// [Phi Gamma], row after row.
     motion: Vec<Lane>,
-    /// For every output with weight: its number, and what it shows of [x; u].
+    /// For every output with a weight: its index, and its row over [x; u].
     sensing: Vec<(usize, Vec<(usize, Lane)>)>,
 }
 
 impl Models {
-    /// The models at `points`; the cost of those that have no finite step is left as it is, that of others set to 0.
+    /// The models at `points`; the cost of models without a finite discretisation is unchanged, that of
+    /// others set to 0.
     fn new(problem: &Problem, points: &[&[f64]], cost: &mut Lane) -> Self {
         let (n, m, p) = (problem.n(), problem.m(), problem.p());
         let w = n + m;
@@ -187,8 +189,8 @@ impl Models {
     }
 }
 
-/// Runs the models over a segment, from the initial states in `z`, and adds to their costs; infinity for those that
-/// leave all bounds.
+/// Simulates the models over a segment, from the initial states in `z`, and adds to their costs; infinite for
+/// those that diverge.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
 fn sweep(
     batch: &Batch<'_>,
@@ -235,7 +237,7 @@ fn sweep(
             *next = sum;
         }
         std::mem::swap(&mut z, &mut next);
-        // A lane that grows without end would soon drag infinities through the others' vectors.
+        // A diverging lane would soon spread infinities through the other lanes' vectors.
         if k % 64 == 63 {
             for l in 0..LANES {
                 if !(0..n).all(|i| z[i][l].abs() < LARGEST) {

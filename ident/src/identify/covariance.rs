@@ -2,17 +2,17 @@
 
 use nalgebra::DMatrix;
 
-/// Steps after which a filter that has not settled is taken as it is.
+/// Largest number of steps until a filter is taken as settled.
 const MOST_STEPS: usize = 4000;
 
-/// A linear model with white noises, and the covariance of its predicted state.
+/// Covariance recursion of a linear model with white noises.
 pub struct CovarianceRecursion {
     n: usize,
     /// Transition matrix, n x n, row after row.
     phi: Vec<f64>,
-    /// Variance that the process noise adds to every state in a step.
+    /// Variance of the process noise per step, one per state.
     pub driving: Vec<f64>,
-    /// For every phase the fresh outputs, each with its row of C and its variance.
+    /// Fresh outputs of every phase, each with its row of C and its noise variance.
     measurements: Vec<Vec<(Vec<f64>, f64)>>,
     /// Covariance of the state before the first phase, n x n, row after row.
     pub covariance: Vec<f64>,
@@ -20,7 +20,7 @@ pub struct CovarianceRecursion {
 }
 
 impl CovarianceRecursion {
-    /// A recursion that begins at `covariance`, n x n, row after row.
+    /// A recursion with the initial covariance `covariance`, n x n, row after row.
     pub fn new(
         phi: &DMatrix<f64>,
         driving: Vec<f64>,
@@ -38,8 +38,8 @@ impl CovarianceRecursion {
         }
     }
 
-    /// Runs until all phases together change no variance by more than `tolerance`, a share of it, or until
-    /// `MOST_STEPS`. `None` when the covariance does not stay finite.
+    /// Iterates until all phases together change no variance by more than `tolerance`, relative, or for
+    /// `MOST_STEPS` steps. `None` when the covariance does not stay finite.
     pub fn settle(&mut self, tolerance: f64) -> Option<()> {
         let n = self.n;
         let mut steps = 0;
@@ -60,8 +60,8 @@ impl CovarianceRecursion {
         }
     }
 
-    /// Once through all phases. Independent measurements are taken in one after the other, which is the same as all
-    /// at once and needs no factorisation.
+    /// Passes through all phases once. Independent measurements are processed one after the other, which
+    /// equals processing all at once and needs no factorisation.
     fn pass(&mut self) {
         let n = self.n;
         for measurements in &self.measurements {

@@ -1,4 +1,4 @@
-//! The data of an identification: stretches of records on an even grid, with the vehicle's signals.
+//! Data of an identification: stretches of records on an even grid, with the vehicle's signals.
 
 use whirlstand_logs::{Record, pauses};
 use whirlstand_vehicle::Vehicle;
@@ -10,28 +10,28 @@ use crate::compare::{CompareError, CompareOptions};
 /// A part of a record on an even grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
-    /// Where the record was read from.
+    /// Path of the record.
     pub origin: String,
     /// Time of the first step in the record, s.
     pub start_s: f64,
-    /// Steps from the beginning of the whole record, from which effects count their time, to the first step.
+    /// Steps from the beginning of the whole record, at which the clock of effects starts, to the first step.
     pub first_step: u64,
     /// Time between two steps, s.
     pub period_s: f64,
     /// Inputs within the vehicle's limits, SI: steps x inputs, row after row.
     pub inputs: Vec<f64>,
-    /// Outputs, SI: steps x outputs of the vehicle, row after row; NaN where there is no value or the output is not
-    /// fitted.
+    /// Outputs, SI: steps x outputs of the vehicle, row after row; NaN where there is no value or the output
+    /// is not fitted.
     pub outputs: Vec<f64>,
     /// Number of steps.
     pub steps: usize,
 }
 
 impl Segment {
-    /// Takes a part of a record: the vehicle's inputs and those of its outputs that the record has.
+    /// Extracts a part of a record: the vehicle's inputs and those of its outputs that the record has.
     ///
     /// # Errors
-    /// When the record lacks an input, an output that the vehicle file says shall be fitted, or any output at all;
+    /// When the record lacks an input, an output that the vehicle file requires to be fitted, or any output at all;
     /// when it is too short or has no clock.
     pub fn new(
         record: &Record,
@@ -70,9 +70,9 @@ impl Segment {
         })
     }
 
-    /// Takes a part of a record like [`Segment::new`], cut where the inputs pause for longer than
-    /// [`whirlstand_logs::LONGEST_BRIDGED`], since nothing is known of what moved the vehicle across such a gap. Pieces
-    /// that are too short for a fit are left out.
+    /// Extracts a part of a record like [`Segment::new`], cut where the inputs pause for longer than
+    /// [`whirlstand_logs::LONGEST_BRIDGED`], since the inputs across such a gap are unknown. Pieces that are
+    /// too short for a fit are left out.
     ///
     /// # Errors
     /// As [`Segment::new`].
@@ -111,7 +111,7 @@ impl Segment {
         Ok(pieces)
     }
 
-    /// Measured values of output `i` of `p`, one a step; NaN where there is none.
+    /// Measured values of output `i` of `p`, one per step; NaN where there is none.
     pub fn output(&self, i: usize, p: usize) -> Vec<f64> {
         self.outputs.iter().skip(i).step_by(p).copied().collect()
     }
@@ -122,7 +122,7 @@ impl Segment {
     }
 }
 
-/// Cuts segments into pieces of at most `steps` steps, each with an initial state of its own.
+/// Cuts segments into pieces of at most `steps` steps, each with its own initial state.
 pub fn pieces(segments: &[Segment], steps: usize) -> Vec<Segment> {
     let mut all = Vec::new();
     for s in segments {
@@ -144,7 +144,8 @@ pub fn pieces(segments: &[Segment], steps: usize) -> Vec<Segment> {
     all
 }
 
-/// A signal whose gaps (NaN) are bridged by straight lines; before its first and after its last value it is constant.
+/// A signal with its gaps (NaN) interpolated linearly; before its first and after its last value it is
+/// constant.
 pub fn filled(values: &[f64]) -> Vec<f64> {
     let known: Vec<usize> = (0..values.len()).filter(|k| values[*k].is_finite()).collect();
     let (Some(first), Some(last)) = (known.first(), known.last()) else { return vec![0.0; values.len()] };
@@ -159,7 +160,7 @@ pub fn filled(values: &[f64]) -> Vec<f64> {
     out
 }
 
-/// For each of the `p` outputs whether at least one segment has a value of it.
+/// True for each of the `p` outputs of which at least one segment has a value.
 pub fn present(segments: &[Segment], p: usize) -> Vec<bool> {
     (0..p)
         .map(|i| segments.iter().any(|s| s.outputs.iter().skip(i).step_by(p).any(|v| v.is_finite())))

@@ -1,22 +1,22 @@
-//! Stretches of a record where something acts that the model does not have.
+//! Detects stretches of a record with an unmodelled disturbance.
 
 use super::answer::Disturbed;
 use super::data::Segment;
 use super::problem::Problem;
 use whirlstand_logs::stats::{median, rms};
 
-/// Length over which residuals are judged together, s.
+/// Length of the window over which residuals are averaged, s.
 const WINDOW_S: f64 = 0.25;
-/// A window stands out when its residuals' mean square is this many times the usual one, and also beyond what so few
-/// white values reach.
+/// Ratio to the usual mean square from which a window is disturbed; it must also exceed what so few white
+/// values reach.
 const RATIO: f64 = 3.0;
 const SIGMAS: f64 = 8.0;
-/// When more than this share of a record stands out, it is the model that is wrong, not a moment.
+/// Share of disturbed windows above which the model itself is wrong.
 const LARGEST_SHARE: f64 = 0.25;
 
-/// Finds the disturbed stretches of `segments`, in the order of time. `one_step[output][part]` are the one-step
-/// residuals of the measured values of that output; where a filter used the first values of a part up, those of its
-/// last values.
+/// Finds the disturbed stretches of `segments`, in the order of time. `one_step[output][part]` are the
+/// one-step residuals of the measured values of that output; where a filter used the first values of a part,
+/// the residuals are those of its last values.
 pub fn disturbed(problem: &Problem, segments: &[Segment], one_step: &[Vec<Vec<f64>>]) -> Vec<Disturbed> {
     let p = problem.p();
     let usual: Vec<f64> = one_step
@@ -27,7 +27,7 @@ pub fn disturbed(problem: &Problem, segments: &[Segment], one_step: &[Vec<Vec<f6
     for (s, segment) in segments.iter().enumerate() {
         let length = ((WINDOW_S / segment.period_s).round() as usize).max(8);
         let windows = segment.steps / length;
-        // For every window the output that stands out most, and by how much.
+        // The most unusual output of every window, with its ratio.
         let mut marks: Vec<Option<(usize, f64)>> = vec![None; windows];
         for i in (0..p).filter(|i| problem.weights[*i] > 0.0 && usual[*i] > 0.0) {
             let Some(run) = one_step[i].get(s) else { continue };
@@ -55,7 +55,7 @@ pub fn disturbed(problem: &Problem, segments: &[Segment], one_step: &[Vec<Vec<f6
                 continue;
             };
             let first = w;
-            // One quiet window does not end a stretch.
+            // A single quiet window does not end a stretch.
             while let Some(next) = (w + 1..(w + 3).min(windows)).find(|n| marks[*n].is_some()) {
                 w = next;
                 worst = marks[w].filter(|m| m.1 > worst.1).unwrap_or(worst);

@@ -1,4 +1,4 @@
-//! Why an identification cannot be made.
+//! Errors of an identification.
 
 use whirlstand_linalg::DecompositionError;
 use whirlstand_logs::shown::clean;
@@ -6,18 +6,18 @@ use whirlstand_vehicle::SimulatorError;
 
 use crate::compare::CompareError;
 
-/// Why an identification cannot be made. Nothing was written.
+/// Reason why an identification cannot be made. No file was written.
 #[derive(Debug, thiserror::Error)]
 pub enum IdentifyError {
-    /// The vehicle file frees nothing.
+    /// The vehicle file has no free parameter.
     #[error(
         "'{vehicle}' has no free parameter: add free = [{{ entry = \"A[2,1]\", lower = -10.0, upper = 10.0 }}, ...] to its file, or start from a template (quadrotor-structure, helicopter-structure)"
     )]
     NothingFree {
-        /// The vehicle.
+        /// Name of the vehicle.
         vehicle: String,
     },
-    /// The record does not fit the vehicle.
+    /// The record does not match the vehicle.
     #[error(transparent)]
     Record(#[from] CompareError),
     /// Two logs have different periods.
@@ -28,26 +28,26 @@ pub enum IdentifyError {
     Periods {
         /// Name of the first log.
         first: String,
-        /// Its period.
+        /// Period of the first log, s.
         first_s: f64,
         /// Name of the log with another period.
         other: String,
-        /// Its period.
+        /// Period of the other log, s.
         other_s: f64,
     },
-    /// No input moves.
+    /// No input changes.
     #[error(
         "{origin}: no input of the vehicle changes between {} s and {} s ({inputs}): without excitation nothing can be identified; fly doublets or an input designed by `whirlstand excite`",
         clean(*from_s), clean(*until_s)
     )]
     NoExcitation {
-        /// The log.
+        /// Path of the log.
         origin: String,
         /// Start of the part, s.
         from_s: f64,
         /// End of the part, s.
         until_s: f64,
-        /// The inputs.
+        /// Names of the inputs.
         inputs: String,
     },
     /// Fewer samples than unknowns.
@@ -55,11 +55,11 @@ pub enum IdentifyError {
         "{samples} measured values cannot determine {unknowns} unknowns ({parameters} parameters, plus the initial state and offsets of each part): give a longer record or free fewer parameters"
     )]
     TooFew {
-        /// Measured values.
+        /// Number of measured values.
         samples: usize,
-        /// All unknowns.
+        /// Number of unknowns.
         unknowns: usize,
-        /// Parameters among them.
+        /// Number of parameters among the unknowns.
         parameters: usize,
     },
     /// The simulation diverges from every start.
@@ -67,10 +67,10 @@ pub enum IdentifyError {
         "the simulation diverges from every start ({tried} tried): give stable start values in the vehicle file (start = ...) or narrower bounds, or use --noise kalman, which needs no stable simulation"
     )]
     UnstableStart {
-        /// How many starts were tried.
+        /// Number of starts tried.
         tried: usize,
     },
-    /// The search was ended before it had anything to answer with.
+    /// The search was stopped before it had a result.
     #[error(
         "the search was ended before it found a start from which the simulation does not diverge: give it more time, or start values in the vehicle file (start = ...)"
     )]
@@ -80,14 +80,14 @@ pub enum IdentifyError {
         "the poles of the fitted model cannot be computed: {0}; give narrower bounds in the vehicle file"
     )]
     Poles(#[from] DecompositionError),
-    /// Levels were to be taken off although an effect depends on them.
+    /// Levels were to be subtracted although an effect depends on them.
     #[error(
         "--detrend is only valid for models that are linear about a level, but '{vehicle}' has {effect}, which depends on the location of zero: use --offsets instead"
     )]
     Level {
-        /// The vehicle.
+        /// Name of the vehicle.
         vehicle: String,
-        /// The effect and its place.
+        /// Name and place of the effect.
         effect: String,
     },
     /// The vehicle cannot be simulated.

@@ -1,8 +1,9 @@
-//! Prediction error in Kalman's innovations form: likelihood, gradient and Fisher information.
+//! Prediction error in the innovations form of the Kalman filter: likelihood, gradient and Fisher
+//! information.
 //!
-//! The unknowns are the parameters and the logarithms of the noises' standard deviations. The information is that of
-//! Fisher's scoring: from the sensitivities of the prediction and from those of the innovations' covariance (Astrom,
-//! Maximum likelihood and prediction error methods, Automatica 16, 1980).
+//! The unknowns are the parameters and the logarithms of the noises' standard deviations. The information is
+//! that of Fisher scoring: from the sensitivities of the prediction and from those of the innovations'
+//! covariance (Astrom, Maximum likelihood and prediction error methods, Automatica 16, 1980).
 
 use super::sweep::predictor;
 use nalgebra::{DMatrix, DVector};
@@ -20,15 +21,15 @@ use super::search::{Derivatives, Point};
 pub struct Evaluation {
     /// Parameters, SI, then the logarithms of the noises' standard deviations.
     pub unknowns: Vec<f64>,
-    /// Nuisances of every segment that minimise the cost.
+    /// Nuisances of every segment at the minimum of the cost.
     pub nuisances: Vec<Vec<f64>>,
-    /// Negative logarithm of the likelihood, without constants.
+    /// Negative log-likelihood, without constants.
     pub cost: f64,
     /// Information about the unknowns, unknowns x unknowns, with the nuisances eliminated.
     pub information: DMatrix<f64>,
-    /// The gradient of the cost by the unknowns, times -1.
+    /// Negative gradient of the cost by the unknowns.
     pub right: DVector<f64>,
-    /// For every segment the derivative of the best nuisances by the unknowns, nuisances x unknowns.
+    /// Derivative of every segment's optimal nuisances by the unknowns, nuisances x unknowns.
     pub coupling: Vec<DMatrix<f64>>,
 }
 
@@ -44,7 +45,7 @@ impl Point for Evaluation {
     }
 }
 
-/// Gains for every segment; equal patterns share theirs.
+/// Gains for every segment; equal sampling patterns share theirs.
 fn gains_of(
     problem: &Problem,
     structure: &NoiseStructure,
@@ -67,7 +68,7 @@ fn gains_of(
     Some((gains.collect::<Option<_>>()?, which))
 }
 
-/// Evaluates the likelihood; `None` when the predictor has no steady state or leaves all bounds.
+/// Evaluates the likelihood; `None` when the predictor has no steady state or diverges.
 pub fn evaluate(
     problem: &Problem,
     structure: &NoiseStructure,
@@ -104,24 +105,24 @@ pub fn evaluate(
         evaluation.coupling.push(reduced.coupling);
         add_covariance(&mut evaluation, &gains[*w], &part)?;
     }
-    // A noise that becomes too small to matter leaves next to no information about its logarithm, and the step of
-    // Fisher's scoring would be endless: at most about a factor of e at once.
+    // A noise that is too small to matter leaves almost no information about its logarithm, so that a Fisher
+    // scoring step would be unbounded: it is limited to about a factor of e.
     for i in np..nu {
         evaluation.information[(i, i)] = evaluation.information[(i, i)].max(evaluation.right[i].abs());
     }
     evaluation.cost.is_finite().then_some(evaluation)
 }
 
-/// Normal equations of a segment under given gains, whitened by the innovations' covariance: information about
-/// parameters, noises and nuisances, and the innovations as the right side.
+/// Normal equations of a segment under given gains, whitened by the innovations' covariance: information
+/// about parameters, noises and nuisances, and the innovations as the right-hand side.
 pub fn sums(problem: &Problem, gains: &Gains, segment: &Segment, theta: &[f64]) -> Option<Sums> {
     part(problem, gains, segment, theta, &vec![0.0; problem.nuisances()]).map(|part| part.sums)
 }
 
-/// What one segment adds.
+/// Contribution of one segment.
 struct Part {
     sums: Sums,
-    /// For every phase: number of innovations and the sum of their outer products.
+    /// Number of innovations and sum of their outer products, for every phase.
     phases: Vec<(usize, DMatrix<f64>)>,
 }
 
@@ -181,7 +182,7 @@ fn part(
     fine.then(|| Part { sums: normal.finish(), phases })
 }
 
-/// The determinant's part of cost and gradient, and the covariance's part of the information.
+/// Adds the determinant's part of cost and gradient, and the covariance's part of the information.
 fn add_covariance(evaluation: &mut Evaluation, gains: &Gains, part: &Part) -> Option<()> {
     for (f, (count, products)) in part.phases.iter().enumerate() {
         let phase = gains.phase(f);
@@ -195,7 +196,7 @@ fn add_covariance(evaluation: &mut Evaluation, gains: &Gains, part: &Part) -> Op
         let turned: Vec<DMatrix<f64>> = phase.covariance_slopes.iter().map(|d| &inverse * d).collect();
         let rest = DMatrix::identity(inverse.nrows(), inverse.nrows()) * n - products * &inverse;
         for (i, a) in turned.iter().enumerate() {
-            // tr(S^-1 dS (N I - S^-1 E)) / 2; the gradient's sign is turned.
+            // tr(S^-1 dS (N I - S^-1 E)) / 2, with the sign of the negative gradient.
             evaluation.right[i] -= 0.5 * (a * rest.transpose()).trace();
             for (j, b) in turned.iter().enumerate().take(i + 1) {
                 let v = 0.5 * n * a.iter().zip(b.transpose().iter()).map(|(x, y)| x * y).sum::<f64>();

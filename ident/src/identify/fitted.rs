@@ -1,4 +1,4 @@
-//! The result of a fit: the problem without fixed parameters, the values and their covariance, and the noise.
+//! Result of a fit: the problem without fixed parameters, the values and their covariance, and the noise.
 
 use nalgebra::DMatrix;
 
@@ -15,14 +15,14 @@ pub struct Fixed {
     pub parameter: Parameter,
     /// The value at which it was fixed, SI.
     pub value: f64,
-    /// Why the data do not determine it, in a sentence.
+    /// Reason why the data do not determine it, as a sentence.
     pub why: String,
 }
 
 /// The noise model of a fit.
 #[derive(Debug, Clone)]
 pub enum NoiseFit {
-    /// One autoregressive model an output, by which the cost weighed the residuals.
+    /// One autoregressive model per output, by which the cost weighted the residuals.
     Outputs(Vec<Ar>),
     /// Process and measurement noise, with the logarithms of their standard deviations in this order.
     Kalman(NoiseStructure, Vec<f64>),
@@ -39,17 +39,17 @@ pub struct Fit {
     pub nuisances: Vec<Vec<f64>>,
     /// Covariance of the parameters, parameters x parameters, SI.
     pub covariance: DMatrix<f64>,
-    /// Parameters that were fixed.
+    /// Parameters that were fixed, as the data do not determine them.
     pub fixed: Vec<Fixed>,
     /// The noise model.
     pub noise: NoiseFit,
-    /// Cost at the end.
+    /// Final cost.
     pub cost: f64,
     /// Effort and success of the search.
     pub outcome: Outcome,
 }
 
-/// Nuisances of every segment before the first sweep: all zero.
+/// Zero nuisances for every segment, the start of the first sweep.
 pub fn no_nuisances(problem: &Problem, segments: &[Segment]) -> Vec<Vec<f64>> {
     vec![vec![0.0; problem.nuisances()]; segments.len()]
 }
@@ -59,7 +59,7 @@ pub fn white(problem: &Problem) -> Vec<Ar> {
     vec![Ar::white(1.0); problem.p()]
 }
 
-/// Least and greatest value of every parameter, SI.
+/// Lower and upper bound of every parameter, SI.
 pub fn bounds(problem: &Problem) -> Vec<(f64, f64)> {
     problem.parameters.iter().map(|p| (p.lower, p.upper)).collect()
 }

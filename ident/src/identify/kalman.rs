@@ -1,4 +1,4 @@
-//! Prediction-error search with a Kalman filter: start values, then the optimum.
+//! Prediction-error search with a Kalman filter: start values, then optimisation.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,12 +10,12 @@ use super::search::{Limits, Outcome, descends, search};
 use super::{filter_error, spread, start};
 use crate::watch::Watch;
 
-/// Starts of the caller from which a short search goes on, beside the best that the data give.
+/// Number of given starts from which a short search is made, besides the best one from the data.
 const MOST_SEARCHED: usize = 4;
 /// Steps of a short search.
 const SHORT: usize = 12;
 
-/// Parameters and noises from which the search begins.
+/// Parameters and noises at the start of a search.
 #[derive(Debug, Clone)]
 pub struct Start {
     /// The parameters, SI.
@@ -24,9 +24,9 @@ pub struct Start {
     pub noise: Vec<f64>,
 }
 
-/// The start that the data give with the best short predictions: an equation-error fit is enough, since the filter follows
-/// the record. Where the caller has starts of its own, short searches from those and from that one decide: how likely a start
-/// is depends on the noises, which no start knows.
+/// Start of the search. An equation-error fit to the data with the best short predictions suffices, since the
+/// filter follows the record. Where the caller gives further starts, short searches from those and from the
+/// data's start decide, as the likelihood of a start depends on the noises, which no start includes.
 pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>], watch: &Watch) -> Start {
     let structure = NoiseStructure::new(problem);
     let noise = first_noise(problem, segments, &structure);
@@ -62,7 +62,8 @@ pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>],
     }
 }
 
-/// Noise at the start: measurement noise as the record shows it, process noise that follows it within a few steps.
+/// Initial noise: measurement noise from the record, process noise that lets the filter follow the record
+/// within a few steps.
 fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructure) -> Vec<f64> {
     let p = problem.p();
     let measured: Vec<f64> = structure
@@ -87,7 +88,7 @@ fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructu
     driven.chain(measured.iter().map(|s| s.ln())).collect()
 }
 
-/// Moves from a start towards the greatest likelihood of the Kalman filter's innovations.
+/// Maximises the likelihood of the Kalman filter's innovations from a start.
 fn climb(
     problem: &Problem,
     segments: &[Segment],
@@ -97,12 +98,13 @@ fn climb(
 ) -> Option<(filter_error::Evaluation, Outcome)> {
     let structure = NoiseStructure::new(problem);
     let mut limits = bounds(problem);
-    // From a millionth of what is usual, where a noise no longer acts, to a thousand times it.
+    // From a millionth of the usual size, where a noise has no effect, to a thousand times it.
     limits.extend(first_noise(problem, segments, &structure).iter().map(|v| (v - 14.0, v + 7.0)));
     let unknowns: Vec<f64> = start.theta.iter().chain(&start.noise).copied().collect();
     let first =
         filter_error::evaluate(problem, &structure, segments, &unknowns, &no_nuisances(problem, segments))?;
-    // Again from the best initial states: before, their transients pass for innovations and turn the gradient.
+    // Repeated with the best initial states: before, their transients distort the innovations and the
+    // gradient.
     let first = filter_error::evaluate(problem, &structure, segments, &unknowns, &first.nuisances)?;
     let at = |from: &filter_error::Evaluation, unknowns: &[f64], step: &DVector<f64>| {
         let follow = |(old, coupling): (&Vec<f64>, &DMatrix<f64>)| -> Vec<f64> {

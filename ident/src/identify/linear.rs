@@ -13,9 +13,9 @@ use super::predictor::Gains;
 use super::problem::{Problem, Step, Sweep, split};
 use super::sensitivity::exponential_with_derivatives;
 
-/// Beyond this a signal has lost all meaning.
+/// Magnitude beyond which a simulation has diverged.
 const LARGEST: f64 = 1e9;
-/// Sensitivities are moved so many columns at a time.
+/// Number of sensitivity columns propagated together.
 const LANES: usize = 8;
 type Lane = [f64; LANES];
 
@@ -26,20 +26,21 @@ pub struct Linear<'p> {
     gains: Option<&'p Gains>,
     /// [Phi Gamma], row after row.
     motion: Vec<f64>,
-    /// How sensitivities of the state move on.
+    /// Propagation of the state's sensitivities.
     flow: Flow,
     /// [C D], row after row.
     sensing: Vec<f64>,
     /// Parameters in C and D: parameter, output, index in [x; u].
     sensing_slopes: Vec<(usize, usize, usize)>,
-    /// Parameters, then those of the noise model.
+    /// Number of parameters, then of noise parameters.
     parameters: usize,
     /// Padded number of sensitivities of the state: parameters and initial state.
     padded: usize,
 }
 
 impl<'p> Linear<'p> {
-    /// The model at `theta`, predicting with `gains` or simulating without. `None` when the step is not finite.
+    /// The model at `theta`, predicting with `gains` or simulating without. `None` when its discretisation is
+    /// not finite.
     pub fn new(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Self> {
         let (n, m, p) = (problem.n(), problem.m(), problem.p());
         let w = n + m;
@@ -73,7 +74,7 @@ impl<'p> Linear<'p> {
         let (value, derivatives) = exponential_with_derivatives(&block(&a, &b), &directions)?;
         let parameters = problem.parameters.len() + gains.map_or(0, |g| g.noise_parameters);
         let states = if problem.nuisance.initial_state { n } else { 0 };
-        // An offset of an output moves a prediction's state, but not that of a simulation.
+        // An output offset affects the state of a predictor, but not that of a simulation.
         let moved = if gains.is_some() { problem.nuisances() } else { states };
         let padded = (parameters + moved).next_multiple_of(LANES);
         let mut forces = vec![[0.0; LANES]; n * w * padded / LANES];
@@ -167,14 +168,14 @@ impl Sweep for Linear<'_> {
     }
 }
 
-/// S+ = Phi S + sum over j of z_j dPhi_j, with z = [x; u]: without the zeros, of which a model in blocks or modes has
-/// many.
+/// S+ = Phi S + sum over j of z_j dPhi_j, with z = [x; u]: stored without the zeros, of which a model in
+/// blocks or modes has many.
 #[derive(Debug)]
 struct Flow {
     padded: usize,
-    /// For every row of S+: its entries of Phi.
+    /// Non-zero entries of Phi for every row of S+.
     rows: Vec<Vec<(usize, f64)>>,
-    /// What is added to some columns of a row: where, and by which of z times what.
+    /// Forcing terms of some columns of a row: column, and the entries of z with their coefficients.
     forces: Vec<(usize, Vec<(usize, Lane)>)>,
 }
 

@@ -1,8 +1,8 @@
-//! Identification: the free parameters of a vehicle from records.
+//! Identification of the free parameters of a vehicle from records.
 //!
-//! - [`data`]: stretches of records on an even grid; [`problem`]: what is sought, and simulations with sensitivities.
-//! - [`output_error`] and [`filter_error`]: the costs; [`search`]: Levenberg-Marquardt on either; [`start`]: starts
-//!   from the data alone; [`pem`]: all of it together. [`spread`]: what the data determine, and how well.
+//! - [`data`]: stretches of records on an even grid; [`problem`]: the unknowns, and simulations with sensitivities.
+//! - [`output_error`] and [`filter_error`]: the costs; [`search`]: Levenberg-Marquardt for either; [`start`]: start
+//!   values from the data; [`pem`]: the complete fit. [`spread`]: accuracy of the parameters.
 
 pub mod align;
 pub mod answer;

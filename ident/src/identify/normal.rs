@@ -1,17 +1,17 @@
-//! Normal equations, gathered row by row.
+//! Accumulates normal equations row by row.
 
 use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
 use whirlstand_linalg::symmetric_eigen;
 
-/// Sums of products of the columns of a least-squares problem, the last column being the residual.
+/// Inner products of the columns of a least-squares problem, the last column being the residual.
 ///
-/// Rows come one at a time and are added in blocks, tile by tile, so that a tile of the sums stays in registers while
-/// the rows pass. Columns that are zero throughout a block (modes that an output does not show) cost nothing.
+/// Rows are added one at a time and processed in blocks, tile by tile, so that a tile of the sums stays in
+/// registers. Columns that are zero throughout a block (modes that an output does not show) cost nothing.
 #[derive(Debug, Clone)]
 pub struct Normal {
     width: usize,
-    /// The width in whole tiles.
+    /// Width rounded up to whole tiles.
     padded: usize,
     sums: Vec<f64>,
     pending: Vec<f64>,
@@ -56,7 +56,7 @@ impl Normal {
         self.rows
     }
 
-    /// Ends the gathering: information matrix J'J, J'r and r'r.
+    /// Finishes the accumulation: information matrix J'J, J'r and r'r.
     pub fn finish(mut self) -> Sums {
         self.flush();
         let q = self.width - 1;
@@ -70,7 +70,7 @@ impl Normal {
     }
 }
 
-/// Adds the products of the columns of `rows`; of every tile at or right of the diagonal.
+/// Adds the products of the columns of `rows`, for every tile at or right of the diagonal.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
 fn gather(sums: &mut [f64], rows: &[f64], padded: usize) {
     const HALF: usize = TILE / 2;
@@ -104,7 +104,7 @@ fn gather(sums: &mut [f64], rows: &[f64], padded: usize) {
 pub struct Sums {
     /// Information matrix J'J, unknowns x unknowns.
     pub information: DMatrix<f64>,
-    /// Right side J'r.
+    /// Right-hand side J'r.
     pub right: DVector<f64>,
     /// Sum of squared residuals r'r.
     pub square: f64,
@@ -119,15 +119,15 @@ impl Sums {
     }
 }
 
-/// Solves F x = g for symmetric F with columns scaled to one; directions that the data do not show (below 1e-11 of
-/// the strongest) stay at zero.
+/// Solves F x = g for symmetric F with columns scaled to one; directions that the data do not determine
+/// (below 1e-11 of the strongest) stay at zero.
 pub fn solve(information: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     let inverse = pseudo_inverse(information)?;
     Some(inverse * right)
 }
 
-/// The inverse of a symmetric matrix on the directions that it shows, after scaling its diagonal to one; none when an entry
-/// is not finite or its eigenvalues cannot be computed.
+/// Pseudo-inverse of a symmetric matrix after scaling its diagonal to one; none when an entry is not finite
+/// or its eigenvalues cannot be computed.
 pub fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = information.nrows();
     if n == 0 {
@@ -140,7 +140,7 @@ pub fn pseudo_inverse(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         .map(|i| if information[(i, i)] > 0.0 { 1.0 / information[(i, i)].sqrt() } else { 0.0 })
         .collect();
     let scaled = DMatrix::from_fn(n, n, |i, j| information[(i, j)] * scale[i] * scale[j]);
-    // The usual case: well conditioned, solved by Cholesky's factor.
+    // Usual case: well conditioned, solved by the Cholesky factor.
     if scale.iter().all(|s| *s > 0.0)
         && let Some(factor) = scaled.clone().cholesky()
         && factor.l_dirty().diagonal().iter().all(|d| *d > 1e-4)

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::pem::Noise;
 use super::problem::Nuisance;
 
-/// How the cost is minimised.
+/// Minimisation method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
     /// Genetic algorithm on the mean square error of the simulation.
@@ -33,20 +33,20 @@ impl Method {
 /// Options of an identification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// How the cost is minimised.
+    /// Minimisation method.
     pub method: Method,
-    /// How residuals are modelled; `None` chooses: Kalman's form for closed loops and for models that are not
-    /// stable, white otherwise.
+    /// Noise model of the residuals; `None` selects the innovations form for closed loops and for models that
+    /// are not stable, and white noise otherwise.
     pub noise: Option<Noise>,
     /// True when the record was taken with a controller in the loop.
     pub closed_loop: bool,
-    /// What is estimated separately for each part of the data.
+    /// Unknowns estimated separately for each part of the data.
     pub nuisance: Nuisance,
-    /// Whether the means over the fitted data are subtracted from every input and output of all data.
+    /// True to subtract the means over the fitted data from all inputs and outputs.
     pub detrend: bool,
-    /// Seed of everything random.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Most simulations of the genetic algorithm.
+    /// Largest number of simulations of the genetic algorithm.
     pub evaluations: usize,
     /// Generations without progress after which the genetic algorithm stops.
     pub stagnation: usize,

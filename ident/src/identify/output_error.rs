@@ -1,10 +1,10 @@
-//! Output error: the free-running simulation compared with the record, output by output, each residual white or
-//! autoregressive.
+//! Output error: the free-running simulation compared with the record, output by output, with white or
+//! autoregressive residuals.
 //!
 //! The variances of the outputs are concentrated out of the likelihood: the cost is the sum over outputs of
-//! weight N / 2 ln(mean square of the whitened residual). What is estimated for a segment alone (initial state,
-//! offsets) enters linearly and is eliminated exactly (variable projection; Golub and Pereyra 1973), so that a step
-//! moves the parameters with the nuisances always at their best.
+//! weight N / 2 ln(mean square of the whitened residual). Unknowns of one segment (initial state, offsets)
+//! enter linearly and are eliminated exactly (variable projection; Golub and Pereyra 1973), so that a step
+//! moves the parameters with the nuisances always at their optimum.
 
 use super::sweep::simulation;
 use nalgebra::{DMatrix, DVector};
@@ -16,17 +16,17 @@ use super::data::Segment;
 use super::normal::{Normal, Sums, pseudo_inverse};
 use super::problem::{Problem, Sweep};
 
-/// Normal equations of one segment, one entry an output; `None` for outputs without weight.
+/// Normal equations of one segment, one entry per output; `None` for outputs without weight.
 type OutputSums = Vec<Option<Sums>>;
 
-/// The cost at one value of the parameters, with what a step needs.
+/// The cost and its derivatives at one value of the parameters.
 #[derive(Debug, Clone)]
 pub struct Evaluation {
     /// Values of the parameters, SI.
     pub theta: Vec<f64>,
-    /// Nuisances of every segment that minimise the cost.
+    /// Nuisances of every segment at the minimum of the cost.
     pub nuisances: Vec<Vec<f64>>,
-    /// Concentrated negative logarithm of the likelihood, without constants.
+    /// Concentrated negative log-likelihood, without constants.
     pub cost: f64,
     /// Mean square of the whitened residual of every output; 0 for outputs without weight.
     pub variances: Vec<f64>,
@@ -34,14 +34,14 @@ pub struct Evaluation {
     pub counts: Vec<usize>,
     /// Information about the parameters, parameters x parameters, with the nuisances eliminated.
     pub information: DMatrix<f64>,
-    /// The gradient of the cost by the parameters, times -1.
+    /// Negative gradient of the cost by the parameters.
     pub right: DVector<f64>,
-    /// For every segment the derivative of the best nuisances by the parameters, nuisances x parameters.
+    /// Derivative of every segment's optimal nuisances by the parameters, nuisances x parameters.
     pub coupling: Vec<DMatrix<f64>>,
 }
 
-/// Evaluates the cost at `theta`; the residuals of output i pass through `whitening[i]`. `None` when the simulation
-/// leaves all bounds.
+/// Evaluates the cost at `theta`; the residuals of output i are filtered by `whitening[i]`. `None` when the
+/// simulation diverges.
 pub fn evaluate(
     problem: &Problem,
     segments: &[Segment],
@@ -61,13 +61,13 @@ pub fn evaluate(
     combine(problem, &all, theta, nuisances)
 }
 
-/// Largest exponent by which the fastest unstable mode may grow over a segment: beyond it, the free run tells more of
-/// the initial state's last digits than of the model.
+/// Largest exponent by which the fastest unstable mode may grow over a segment: beyond it, the free run
+/// depends more on the initial state's last digits than on the model.
 const LARGEST_GROWTH: f64 = 5.0;
 
 fn grows(problem: &Problem, segments: &[Segment], theta: &[f64]) -> bool {
     let longest = segments.iter().map(|s| s.steps).max().unwrap_or(0) as f64 * problem.period_s;
-    // A model whose poles cannot be computed is as little worth a free run.
+    // A free run is as useless for a model whose poles cannot be computed.
     spectral_abscissa(&problem.matrices_at(theta)[0]).map_or(true, |rate| rate * longest >= LARGEST_GROWTH)
 }
 
@@ -94,7 +94,7 @@ fn sums(
     fine.then(|| gathered.into_iter().map(|c| c.map(|c| c.normal.finish())).collect())
 }
 
-/// What gathers the rows of one output.
+/// Accumulates the rows of one output.
 struct Channel {
     normal: Normal,
     filter: RowFilter,
@@ -138,7 +138,7 @@ impl Channel {
     }
 }
 
-/// Median number of steps from one fresh value of output `i` of `p` to the next.
+/// Median number of steps between fresh values of output `i` of `p`.
 pub fn spacing(segment: &Segment, i: usize, p: usize) -> usize {
     let mut gaps = Vec::new();
     let mut last = None;
@@ -169,7 +169,7 @@ fn combine(
     let mut steps = vec![DVector::zeros(width); all.len()];
     let mut variances: Vec<f64> = (0..p).map(|i| floor(total(&steps, i) / counts[i].max(1) as f64)).collect();
     let mut result = None;
-    // The best nuisances depend on the variances and these on the nuisances; they settle at once.
+    // The optimal nuisances depend on the variances and vice versa; the iteration converges at once.
     for _ in 0..3 {
         let mut information = DMatrix::zeros(np, np);
         let mut right = DVector::zeros(np);
@@ -219,15 +219,15 @@ fn floor(variance: f64) -> f64 {
     variance.max(1e-30)
 }
 
-/// Normal equations of the parameters, from which the nuisances were eliminated.
+/// Normal equations of the parameters after elimination of the nuisances.
 pub struct Reduced {
     /// Information about the parameters, F - B D^-1 B'.
     pub information: DMatrix<f64>,
-    /// Right side for the parameters, g - B D^-1 d.
+    /// Right-hand side of the parameters, g - B D^-1 d.
     pub right: DVector<f64>,
-    /// Step of the nuisances with the parameters held.
+    /// Step of the nuisances at fixed parameters.
     pub step: DVector<f64>,
-    /// Derivative of the best nuisances by the parameters, -D^-1 B'.
+    /// Derivative of the optimal nuisances by the parameters, -D^-1 B'.
     pub coupling: DMatrix<f64>,
 }
 

@@ -13,19 +13,19 @@ use super::spread::{self, Undetermined};
 use super::{IdentifyError, start};
 use crate::watch::Watch;
 
-/// How residuals are modelled.
+/// Noise model of the residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Noise {
-    /// White on every output: the free-running simulation comes as near as it can.
+    /// White on every output: the free-running simulation is fitted as closely as possible.
     White,
     /// Autoregressive on every output: maximum likelihood under coloured residuals.
     Coloured,
-    /// Process and measurement noise: Kalman's innovations form.
+    /// Process and measurement noise: innovations form of the Kalman filter.
     Kalman,
 }
 
-/// Greatest order of an autoregressive model of a residual.
+/// Largest order of an autoregressive residual model.
 const MOST_AR: usize = 30;
 
 impl Point for Evaluation {
@@ -40,8 +40,8 @@ impl Point for Evaluation {
     }
 }
 
-/// Moves from `theta` to the nearest minimum of the output-error cost. `None` when the simulation at `theta` leaves
-/// all bounds.
+/// Moves from `theta` to the nearest minimum of the output-error cost. `None` when the simulation at `theta`
+/// diverges.
 pub fn output_error(
     problem: &Problem,
     segments: &[Segment],
@@ -66,9 +66,9 @@ pub fn output_error(
 
 /// The best of all starts, after a short search from each.
 ///
-/// Where a long free run from a start is no guide (it leaves all bounds, or explains little), the way leads over short
-/// pieces with initial states of their own: first a sixteenth of the record, then longer ones (multiple shooting;
-/// Ribeiro et al., On the smoothness of nonlinear system identification, Automatica 121, 2020).
+/// Where a long free run from a start is useless (it diverges, or explains little), the search uses short
+/// pieces with their own initial states: first a sixteenth of the record, then longer ones (multiple
+/// shooting; Ribeiro et al., On the smoothness of nonlinear system identification, Automatica 121, 2020).
 ///
 /// # Errors
 /// [`IdentifyError::UnstableStart`].
@@ -137,7 +137,7 @@ fn from_starts(
     best.map(|b| (b, spent)).ok_or(IdentifyError::UnstableStart { tried: starts.len() })
 }
 
-/// Keeps the better of two results; tells whether the new one converged.
+/// Keeps the better of two results; returns whether the new one converged.
 fn keep(best: &mut Option<Evaluation>, spent: &mut Outcome, found: Option<(Evaluation, Outcome)>) -> bool {
     let Some((found, outcome)) = found else { return false };
     spent.iterations += outcome.iterations;
@@ -161,8 +161,9 @@ fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
     })
 }
 
-/// Fits by output error or prediction error, fixing what the data do not determine. `extra` are starts from
-/// elsewhere (a genetic algorithm); without any, the data give them. A watch that ends the search gets the best so far.
+/// Fits by output error or prediction error, fixing parameters that the data do not determine. `extra` are
+/// additional starts (of a genetic algorithm); without any, the data give them. A stopped search returns the
+/// best result so far.
 ///
 /// # Errors
 /// [`IdentifyError::UnstableStart`].
@@ -226,8 +227,8 @@ pub fn fit(
     }
 }
 
-/// Leads a parameter that the data do not determine from where the search left it to the value of the vehicle file, in
-/// steps, the others following; as far as the simulation stays within bounds. Gives the value that was reached.
+/// Moves an undetermined parameter in steps from its fitted value to that of the vehicle file, refitting the
+/// others, while the simulation stays bounded. Returns the value reached.
 fn lead(
     problem: &mut Problem,
     segments: &[Segment],
@@ -259,7 +260,7 @@ fn lead(
     reached
 }
 
-/// Output error with white or autoregressive residuals.
+/// Fits by output error with white or autoregressive residuals.
 fn outputs(
     problem: &Problem,
     segments: &[Segment],
@@ -269,13 +270,13 @@ fn outputs(
     watch: &Watch,
 ) -> Option<(Fit, DMatrix<f64>)> {
     let mut whitening = white(problem);
-    // Where the noise model changes too, no round is worth an end that the next one moves.
+    // While the noise model changes too, no round needs a precise minimum, as the next one moves it.
     let coloured = noise == Noise::Coloured;
     let limits = Limits { iterations: if coloured { 15 } else { 100 }, ..Limits::default() };
     let (mut found, mut outcome) =
         output_error(problem, segments, &whitening, theta, nuisances, limits, watch)?;
     if coloured {
-        // Noise model and parameters in turn; a few rounds settle them.
+        // Noise model and parameters alternate; a few rounds converge.
         for _ in 0..20 {
             let before = found.theta.clone();
             whitening = models(problem, segments, &found)?;

@@ -1,9 +1,9 @@
-//! The Kalman predictor of a linear model: gains, innovation covariances, and their derivatives.
+//! Kalman predictor of a linear model: gains, innovation covariances, and their derivatives.
 //!
-//! Process noise acts on the states that have dynamics of their own, measurement noise on every output; both white,
-//! of unknown size (the filter-error method of flight identification; Jategaonkar, Flight Vehicle System
-//! Identification, AIAA 2015, chapter 5). The steady state of the filter is used; where sensors deliver at different
-//! rates, its periodic steady state, one gain a phase.
+//! Process noise acts on the states that have dynamics of their own, measurement noise on every output; both
+//! are white and of unknown variance (the filter-error method of flight identification; Jategaonkar, Flight
+//! Vehicle System Identification, AIAA 2015, chapter 5). The steady state of the filter is used; with sensors
+//! of different rates, its periodic steady state with one gain per phase.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -16,16 +16,17 @@ use super::problem::Problem;
 /// Longest pattern of fresh and stale outputs that is treated as periodic, steps.
 const LONGEST_PATTERN: usize = 64;
 
-/// When each output is fresh: every so many steps, from a first one on.
+/// Sampling pattern of the outputs: for each the steps between fresh values, and its first fresh step.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pattern {
-    /// Steps from one fresh value to the next, and the first fresh step; 0 steps for an output that never is.
+    /// Steps from one fresh value to the next, and the first fresh step; 0 steps for an output that is never
+    /// fresh.
     outputs: Vec<(usize, usize)>,
     length: usize,
 }
 
 impl Pattern {
-    /// The pattern of a segment; outputs that it does not have are never fresh.
+    /// The sampling pattern of a segment; outputs that it does not have are never fresh.
     pub fn of(segment: &Segment, p: usize) -> Self {
         let outputs: Vec<(usize, usize)> = (0..p)
             .map(|i| {
@@ -58,7 +59,7 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Which states have process noise, and which outputs measurement noise.
+/// Structure of the noise: states with process noise, and outputs with measurement noise.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NoiseStructure {
     /// Indices of the states with process noise.
@@ -68,7 +69,7 @@ pub struct NoiseStructure {
 }
 
 impl NoiseStructure {
-    /// Process noise on every state whose row of A and B is a model and not a definition.
+    /// Process noise on every state whose row of A and B is dynamics and not a definition.
     pub fn new(problem: &Problem) -> Self {
         let vehicle = &problem.vehicle;
         Self {
@@ -89,7 +90,7 @@ pub struct Phase {
     pub covariance: DMatrix<f64>,
     /// Derivative of the gain by the parameters: (state, fresh output) x parameters, row after row.
     pub gain_slopes: Vec<f64>,
-    /// Derivatives of the covariance, one matrix a parameter.
+    /// Derivatives of the covariance, one matrix per parameter.
     pub covariance_slopes: Vec<DMatrix<f64>>,
 }
 
@@ -103,7 +104,7 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// Gains at `theta` and the noise parameters `noise`, with derivatives by all of them if `slopes`.
+    /// Gains at `theta` and the noise parameters `noise`; with derivatives by all of them if `slopes`.
     pub fn new(
         problem: &Problem,
         structure: &NoiseStructure,
@@ -124,7 +125,8 @@ impl Gains {
                 let at = |sign: f64| {
                     let mut moved = all.clone();
                     moved[i] += sign * step;
-                    // From the centre's steady state the way is short, and the difference needs few digits of it.
+                    // The recursion converges quickly from the steady state at the centre, and the difference
+                    // needs few digits.
                     let near = Some((&centre[..], 1e-4 * step.min(1e-3)));
                     let (theta, noise) = moved.split_at(theta.len());
                     Some(self::phases(problem, structure, pattern, theta, noise, near)?.0)
@@ -160,8 +162,9 @@ impl Gains {
         &self.phases[k % self.phases.len()]
     }
 
-    /// Writes K e, the change of the state by the innovations of step `k`, into `out`. With `moved`, a parameter and
-    /// its distance from the value at which the gains were computed, K is corrected for that distance to first order.
+    /// Writes K e, the correction of the state by the innovations of step `k`, into `out`. With `moved`, a
+    /// parameter and its distance from the value at which the gains were computed, K is corrected for that
+    /// distance to first order.
     pub fn change(
         &self,
         k: usize,
@@ -190,7 +193,7 @@ impl Gains {
         }
     }
 
-    /// Adds K e to the state and the derivative of that to its sensitivities.
+    /// Adds K e to the state and its derivative to the sensitivities.
     #[expect(clippy::too_many_arguments, reason = "the inner step of one loop")]
     pub fn correct(
         &self,
@@ -225,9 +228,9 @@ impl Gains {
     }
 }
 
-/// The phases of the filter's periodic steady state, with the covariance of the state before the first of them (states
-/// x states, row after row). `start` is such a covariance from nearby and the relative change at which the recursion
-/// has settled.
+/// The phases of the filter's periodic steady state, with the covariance of the state before the first of
+/// them (states x states, row after row). `start` is such a covariance from nearby and the relative change at
+/// which the recursion counts as settled.
 fn phases(
     problem: &Problem,
     structure: &NoiseStructure,
@@ -261,7 +264,7 @@ fn phases(
     Some((phases, recursion.covariance))
 }
 
-/// For every phase of the pattern the outputs that are fresh, each with the variance of its measurement noise from
+/// Fresh outputs of every phase of the pattern, each with the variance of its measurement noise from
 /// `measuring`, the logarithms of the standard deviations.
 fn fresh_outputs(structure: &NoiseStructure, pattern: &Pattern, measuring: &[f64]) -> Vec<Vec<(usize, f64)>> {
     let fresh = |phase: usize| {
@@ -274,7 +277,8 @@ fn fresh_outputs(structure: &NoiseStructure, pattern: &Pattern, measuring: &[f64
     (0..pattern.length).map(fresh).collect()
 }
 
-/// Gain and innovation covariance of every phase, once through the pattern from the settled covariance.
+/// Gain and innovation covariance of every phase, by one pass through the pattern from the settled
+/// covariance.
 fn steady_gains(
     phi: &DMatrix<f64>,
     c: &DMatrix<f64>,

@@ -1,17 +1,17 @@
-//! Preparation of the data before a fit: mean levels are subtracted, and outputs that depend on the time before the
-//! record are left out.
+//! Preparation of the data: mean levels are subtracted, and outputs that depend on inputs before the record
+//! are left out.
 
 use whirlstand_vehicle::{Kind, Target, Vehicle};
 
 use super::IdentifyError;
 use super::data::Segment;
 
-/// The levels about which a linear model describes the data: means over the fitted parts, weighted by their lengths.
+/// Levels about which a linear model describes the data: means over the fitted parts, weighted by length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Levels {
     /// Level of every input, SI.
     pub inputs: Vec<f64>,
-    /// Level of every output, SI; 0 where there are no values.
+    /// Level of every output, SI; 0 without values.
     pub outputs: Vec<f64>,
 }
 
@@ -59,7 +59,8 @@ impl Levels {
         segment.outputs.iter_mut().enumerate().for_each(|(k, y)| *y -= self.outputs[k % p]);
     }
 
-    /// Moves the limits of the vehicle by the levels times `sign`: -1 for signals without their levels, 1 to undo that.
+    /// Shifts the limits of the vehicle by the levels times `sign`: -1 for signals without their levels, 1 to
+    /// undo it.
     pub fn shift(&self, vehicle: &mut Vehicle, sign: f64) {
         for (input, level) in vehicle.inputs.iter_mut().zip(&self.inputs) {
             input.lower += sign * level;
@@ -68,7 +69,7 @@ impl Levels {
     }
 }
 
-/// Leaves out the outputs that still depend on inputs before the segment's start, which nobody knows: those within the
+/// Leaves out the outputs that still depend on unknown inputs before the segment's start: those within the
 /// longest input delay that the search may try. At most a tenth of the segment.
 pub fn without_unknown_past(vehicle: &Vehicle, segment: &mut Segment) {
     let longest = |place: &str| -> f64 {

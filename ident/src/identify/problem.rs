@@ -9,13 +9,13 @@ use super::data::Segment;
 /// A free parameter in SI.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
-    /// Name, as `A[2,1]`.
+    /// Name, such as `A[2,1]`.
     pub name: String,
-    /// What the parameter is in the vehicle: a matrix entry or a parameter of an effect.
+    /// Target in the vehicle: a matrix entry or a parameter of an effect.
     pub target: Target,
-    /// Least value.
+    /// Lower bound.
     pub lower: f64,
-    /// Greatest value.
+    /// Upper bound.
     pub upper: f64,
     /// Start value from the vehicle file, if it gives one.
     pub start: Option<f64>,
@@ -23,12 +23,12 @@ pub struct Parameter {
     pub factor: f64,
 }
 
-/// Which unknowns are estimated for each segment in addition to the parameters.
+/// Unknowns estimated for each segment in addition to the parameters (nuisances).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Nuisance {
-    /// Whether the state at the start of the segment is estimated.
+    /// True to estimate the state at the start of the segment.
     pub initial_state: bool,
-    /// Whether a constant error of every output (sensor bias, trim) is estimated.
+    /// True to estimate a constant error of every output (sensor bias, trim).
     pub output_offsets: bool,
 }
 
@@ -41,23 +41,23 @@ impl Default for Nuisance {
 /// The vehicle, its free parameters and the outputs that are fitted.
 #[derive(Debug, Clone)]
 pub struct Problem {
-    /// The vehicle, which gives all values that are not free.
+    /// The vehicle with all values that are not free.
     pub vehicle: Vehicle,
     /// The free parameters.
     pub parameters: Vec<Parameter>,
-    /// What is estimated for each segment in addition.
+    /// Nuisances estimated for each segment.
     pub nuisance: Nuisance,
-    /// Weight of each output; 0 for one that no segment has.
+    /// Weight of each output; 0 for an output in no segment.
     pub weights: Vec<f64>,
     /// Time between two steps, s.
     pub period_s: f64,
 }
 
 impl Problem {
-    /// The problem that a vehicle file and the data state.
+    /// The estimation problem of a vehicle file and data.
     ///
     /// # Errors
-    /// When nothing is free, or segments have different periods.
+    /// When no parameter is free, or segments have different periods.
     pub fn new(vehicle: &Vehicle, segments: &[Segment], nuisance: Nuisance) -> Result<Self, IdentifyError> {
         if vehicle.free.is_empty() {
             return Err(IdentifyError::NothingFree { vehicle: vehicle.name.clone() });
@@ -136,8 +136,8 @@ impl Problem {
         all
     }
 
-    /// True when the simulation is linear in state and input with nothing but A, B, C and D, so that sensitivities
-    /// are exact recursions.
+    /// True when the simulation is linear in state and input and consists of A, B, C and D only, so that
+    /// sensitivities have exact recursions.
     pub fn is_plain(&self) -> bool {
         self.vehicle.effects.is_empty()
             && self.parameters.iter().all(|p| matches!(p.target, Target::Entry(..)))
@@ -151,7 +151,7 @@ impl Problem {
         }
     }
 
-    /// A matrix of zeros with a one at row i, column j: the derivative by that entry.
+    /// A matrix with a one at row i, column j, and zeros elsewhere: the derivative by that entry.
     pub fn unit(rows: usize, columns: usize, (i, j): (usize, usize)) -> DMatrix<f64> {
         let mut unit = DMatrix::zeros(rows, columns);
         unit[(i, j)] = 1.0;
@@ -162,11 +162,11 @@ impl Problem {
 /// One step of a sweep.
 #[derive(Debug)]
 pub struct Step<'a> {
-    /// Number of the step within the segment, from 0.
+    /// Index of the step within the segment, from 0.
     pub k: usize,
     /// Predicted outputs, SI.
     pub predicted: &'a [f64],
-    /// For every output the derivatives by all parameters, then by the segment's nuisances; outputs x columns.
+    /// Derivatives of every output by all parameters, then by the segment's nuisances; outputs x columns.
     pub slopes: &'a [f64],
 }
 
@@ -175,11 +175,12 @@ pub trait Sweep: Sync {
     /// Number of columns of [`Step::slopes`]: parameters, then nuisances of a segment.
     fn columns(&self) -> usize;
 
-    /// Runs over a segment from the given nuisances and calls `visit` at every step; false when the run diverged.
+    /// Simulates a segment with the given nuisances and calls `visit` at every step; false when the run
+    /// diverged.
     fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(Step<'_>)) -> bool;
 }
 
-/// Splits the nuisances of a segment into initial state and output offsets; what is not estimated is empty.
+/// Splits the nuisances of a segment into initial state and output offsets; those not estimated are empty.
 pub fn split<'a>(problem: &Problem, nuisance: &'a [f64]) -> (&'a [f64], &'a [f64]) {
     let states = if problem.nuisance.initial_state { problem.n() } else { 0 };
     nuisance.split_at(states.min(nuisance.len()))

@@ -1,4 +1,4 @@
-//! How well a fitted model fits records, and whether what is left is white.
+//! Quality of a fit: fit to the records, and whiteness of the residuals.
 
 use super::answer::{OutputSeries, PartSeries, Quality, Role, Whiteness};
 use super::ar::Ar;
@@ -16,7 +16,7 @@ pub struct Runs {
     pub nuisances: Vec<Vec<f64>>,
     /// Free-running simulations of each part, steps x outputs, SI; `None` when one diverged.
     pub simulated: Option<Vec<Vec<f64>>>,
-    /// One-step residuals, SI: for every output one vector a part.
+    /// One-step residuals, SI: for every output one vector per part.
     pub one_step: Vec<Vec<Vec<f64>>>,
 }
 
@@ -28,13 +28,13 @@ fn frozen(fit: &Fit) -> Problem {
     problem
 }
 
-/// Runs the fitted model over the data it was fitted to.
+/// Runs the fitted model over the identification data.
 pub fn identification_runs(fit: &Fit, segments: &[Segment]) -> Runs {
     runs(fit, segments, fit.nuisances.clone())
 }
 
-/// Runs the fitted model over held-out data: the initial state is fitted there (where a record happens to start is no
-/// error of the model), offsets stay those of the identification data.
+/// Runs the fitted model over held-out data: the initial state is fitted there (it is not an error of the
+/// model), offsets stay those of the identification data.
 pub fn control_runs(fit: &Fit, segments: &[Segment]) -> Runs {
     let p = fit.problem.p();
     let offsets: Vec<f64> = if fit.problem.nuisance.output_offsets {
@@ -81,7 +81,7 @@ fn runs(fit: &Fit, segments: &[Segment], nuisances: Vec<Vec<f64>>) -> Runs {
     let p = problem.p();
     let mut free_nuisances = nuisances.clone();
     if let NoiseFit::Kalman(..) = fit.noise {
-        // The initial state of a free run is that which suits the whole run; the filter's suits its first steps.
+        // The initial state of a free run fits the whole run; that of the filter fits its first steps.
         let first = nuisances.clone();
         if let Some(e) = evaluate(&problem, segments, &white(&problem), &[], &first) {
             free_nuisances = e.nuisances;
@@ -133,7 +133,7 @@ pub fn quality(problem: &Problem, segments: &[Segment], runs: &Runs, i: usize) -
         return None;
     }
     let norm = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>().sqrt();
-    // The mean of each part is its own trim.
+    // Each part has its own mean, the trim.
     let spread = measured
         .iter()
         .map(|m| {
@@ -166,7 +166,8 @@ pub fn quality(problem: &Problem, segments: &[Segment], runs: &Runs, i: usize) -
     })
 }
 
-/// Ljung and Box's test (Biometrika 65, 1978) over runs of residuals, lags up to the logarithm's rule of thumb.
+/// Ljung-Box test (Biometrika 65, 1978) over runs of residuals, with lags up to the logarithm's rule of
+/// thumb.
 pub fn whiteness(runs: &[Vec<f64>]) -> Option<Whiteness> {
     let n: usize = runs.iter().map(Vec::len).sum();
     if n < 60 {
@@ -233,7 +234,7 @@ pub fn series(problem: &Problem, segments: &[Segment], runs: &Runs, role: Role) 
         .collect()
 }
 
-/// True when the model at the start that the data give is stable by a margin: no pole in or on the right half plane.
+/// True when the start model from the data is stable by a margin: no pole in or on the right half plane.
 pub fn stable_at_start(problem: &Problem, segments: &[Segment]) -> bool {
     let theta = start::candidates(problem, segments).pop().unwrap_or_else(|| start::given(problem));
     let rightmost = spectral_abscissa(&problem.vehicle_at(&theta).a);

@@ -1,4 +1,4 @@
-//! Frequency responses from records, with coherence.
+//! Estimates frequency responses from records, with coherence.
 //!
 //! With several inputs at once each response is conditioned on the others: H(f) = S_uu(f)^-1 S_uy(f), and its
 //! coherence is the partial one, the share of the output's power that this input explains and no other does
@@ -17,14 +17,14 @@ type C64 = Complex<f64>;
 pub struct Response {
     /// Frequencies, Hz, ascending, without zero.
     pub frequency_hz: Vec<f64>,
-    /// For every input the response at each frequency.
+    /// Response to every input at each frequency.
     pub gain: Vec<Vec<C64>>,
-    /// For every input the partial coherence at each frequency, 0 to 1.
+    /// Partial coherence of every input at each frequency, 0 to 1.
     pub coherence: Vec<Vec<f64>>,
 }
 
-/// Estimates the response over parts of records with one period in seconds. `inputs[part][input]` and `output[part]`
-/// are equally long and free of NaN. `None` when no part is long enough for four windows.
+/// Estimates the response over parts of records with one period in seconds. `inputs[part][input]` and
+/// `output[part]` are equally long and free of NaN. `None` when no part is long enough for four windows.
 pub fn response(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], period_s: f64) -> Option<Response> {
     let m = inputs.first()?.len();
     let total: usize = output.iter().map(Vec::len).sum();
@@ -54,11 +54,11 @@ pub fn response(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], period_s: f64) ->
 struct Spectra {
     /// S_uu of each bin, inputs x inputs.
     uu: Vec<DMatrix<C64>>,
-    /// S_uy of each bin, one entry an input.
+    /// S_uy of each bin, one entry per input.
     uy: Vec<DVector<C64>>,
     /// S_yy of each bin.
     yy: Vec<f64>,
-    /// How many windows were summed.
+    /// Number of windows summed.
     windows: usize,
 }
 
@@ -109,11 +109,11 @@ impl Spectra {
         }
     }
 
-    /// For every input the response and its partial coherence at bin `f`; NaN and 0 where S_uu is singular.
+    /// Response and partial coherence of every input at bin `f`; NaN and 0 where S_uu is singular.
     fn solve(&self, f: usize) -> Vec<(C64, f64)> {
         let inverse = self.uu[f].clone().try_inverse().filter(|i| i.iter().all(|v| v.re.is_finite()));
         let h = inverse.as_ref().map(|inverse| inverse * &self.uy[f]);
-        // What all inputs together leave of the output's power.
+        // Output power that all inputs together leave unexplained.
         let explained =
             h.as_ref().map_or(0.0, |h| h.iter().zip(self.uy[f].iter()).map(|(h, s)| (h.conj() * s).re).sum());
         let left = (self.yy[f] - explained).max(0.0);
@@ -131,22 +131,22 @@ impl Spectra {
 
 /// Partial coherence from which a response can be trusted (Tischler and Remple, section 7.6).
 pub const TRUSTED: f64 = 0.6;
-/// Fewest trusted frequencies that make a response.
+/// Fewest trusted frequencies of a response.
 const FEWEST: usize = 3;
 
 impl Response {
-    /// Indices of the frequencies, from the first to the last trusted one; `None` when next to none is.
+    /// Index range from the first to the last trusted frequency; `None` when almost none is.
     pub fn trusted(&self, input: usize) -> Option<std::ops::RangeInclusive<usize>> {
         let good: Vec<usize> =
             (0..self.frequency_hz.len()).filter(|k| self.coherence[input][*k] >= TRUSTED).collect();
-        // A lone peak far beyond the others is chance.
+        // A single peak far beyond the others is due to chance.
         let last =
             good.windows(2).find(|w| w[1] - w[0] > 2 * w[0].max(3)).map_or(good.last(), |w| Some(&w[0]));
         let (first, last) = (*good.first()?, *last?);
         (good.iter().filter(|k| **k <= last).count() >= FEWEST).then_some(first..=last)
     }
 
-    /// Gain in dB and phase in degrees (unwrapped) of the response to an input; NaN where `keep` says no.
+    /// Gain in dB and phase in degrees (unwrapped) of the response to an input; NaN where `keep` is false.
     pub fn bode(&self, input: usize, keep: impl Fn(usize) -> bool) -> (Vec<f64>, Vec<f64>) {
         let count = self.frequency_hz.len();
         let (mut gain, mut phase) = (vec![f64::NAN; count], vec![f64::NAN; count]);
@@ -154,7 +154,8 @@ impl Response {
         for (k, h) in self.gain[input].iter().enumerate().filter(|(k, _)| keep(*k)) {
             gain[k] = 20.0 * h.norm().log10();
             let wrapped = h.arg().to_degrees();
-            // Of a lag the phase falls from zero: the first one lies between a lead of 90 deg and a lag of 270 deg.
+            // The phase of a lag falls from zero: the first one lies between a lead of 90 deg and a lag of
+            // 270 deg.
             let near = before.unwrap_or(-90.0);
             phase[k] = wrapped - 360.0 * ((wrapped - near) / 360.0).round();
             if phase[k].is_finite() {

@@ -1,4 +1,4 @@
-//! An identification from data to result: checks, search, figures.
+//! Runs an identification from data to result: checks, search, figures.
 
 use std::collections::BTreeMap;
 
@@ -19,17 +19,17 @@ use crate::watch::Watch;
 use whirlstand_logs::shown::clean;
 use whirlstand_vehicle::{SENSOR_NOISE, Vehicle};
 
-/// A part of a log to fit, or to check the fit with.
+/// A part of a log, used for the fit or for its validation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Source {
-    /// The log.
+    /// The log and its checksum.
     pub log: Log,
     /// The data of the part.
     pub segment: Segment,
 }
 
-/// Fits the free parameters of `vehicle` to `fitted` and compares the result with `control`. The watch is told how far the
-/// search has come; where it ends it, the answer is the best that was found by then.
+/// Fits the free parameters of `vehicle` to `fitted` and compares the result with `control`. The watch
+/// receives the progress; if it stops the search, the answer is the best result so far.
 ///
 /// # Errors
 /// [`IdentifyError`]: nothing is free, no excitation, too few samples, no start from which a simulation stays finite, or ended
@@ -83,7 +83,7 @@ fn search(
     let found = by_method(&problem, &segments, options, noise, watch);
     let partial = watch.is_stopped();
     let (fit, noise, evaluations) = match found {
-        // With more time there might have been one.
+        // With more time the search might have found a stable start.
         Err(IdentifyError::UnstableStart { .. }) if partial => return Err(IdentifyError::EndedEarly),
         found => found?,
     };
@@ -91,16 +91,17 @@ fn search(
     answer(fit, fitted, control, options, noise, &effort)
 }
 
-/// What a search took, beside what its fit says.
+/// Effort of a search besides that of its fit.
 struct Effort {
-    /// Simulations of the genetic algorithm.
+    /// Number of simulations of the genetic algorithm.
     evaluations: usize,
     begun: std::time::Instant,
-    /// True when it was ended early.
+    /// True when the search was stopped early.
     partial: bool,
 }
 
-/// The fit by the wanted method, its noise model, and the number of simulations of the genetic algorithm.
+/// Fits by the selected method; returns the fit, its noise model, and the number of simulations of the
+/// genetic algorithm.
 fn by_method(
     problem: &Problem,
     segments: &[Segment],
@@ -121,7 +122,7 @@ fn by_method(
     Ok((pem::fit(problem, segments, noise, &[found.theta], watch)?, noise, evaluations))
 }
 
-/// Is there anything to learn from?
+/// Checks that the data contain information about the parameters.
 fn check(problem: &Problem, segments: &[Segment]) -> Result<(), IdentifyError> {
     let m = problem.m();
     let moves = |s: &Segment| {
@@ -147,7 +148,7 @@ fn check(problem: &Problem, segments: &[Segment]) -> Result<(), IdentifyError> {
     Ok(())
 }
 
-/// The noise model for data and vehicle.
+/// Selects the noise model for data and vehicle.
 fn choose(problem: &Problem, segments: &[Segment], closed_loop: bool) -> Noise {
     if closed_loop || !quality::stable_at_start(problem, segments) { Noise::Kalman } else { Noise::White }
 }

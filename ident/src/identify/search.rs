@@ -13,8 +13,8 @@ pub trait Point {
     fn position(&self) -> &[f64];
     /// The cost at this point.
     fn cost(&self) -> f64;
-    /// The derivatives of the cost at this point, asked for once, where the search goes on from it. `None` where they do
-    /// not exist: the search ends there.
+    /// Derivatives of the cost at this point, requested once, where the search continues from it. `None`
+    /// where they do not exist: the search ends there.
     fn derivatives(&mut self) -> Option<Derivatives>;
 }
 
@@ -24,7 +24,7 @@ pub struct Derivatives {
     /// Information matrix, unknowns x unknowns: a positive semidefinite approximation of the second derivative of the
     /// cost.
     pub information: DMatrix<f64>,
-    /// The gradient of the cost times -1.
+    /// Negative gradient of the cost.
     pub right: DVector<f64>,
 }
 
@@ -42,13 +42,13 @@ pub struct Outcome {
 /// Limits of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Greatest number of steps.
+    /// Largest number of steps.
     pub iterations: usize,
     /// The search ends when a step is shorter than this many standard errors (norm over all parameters).
     pub tolerance: f64,
     /// The search ends after a step that lowers the cost by less than this.
     pub gain: f64,
-    /// Steps that are tried from one point, each damped more than the last.
+    /// Number of increasingly damped steps tried from one point.
     pub trials: usize,
 }
 
@@ -58,16 +58,17 @@ impl Default for Limits {
     }
 }
 
-/// Where nothing near is lower although no more than this many standard errors seem to be left to go, rounding hides
-/// the minimum.
+/// Distance in standard errors, as predicted, below which a failed step counts as convergence: rounding then
+/// hides the minimum.
 const NEAR: f64 = 0.5;
 
-/// Minimises a cost from `start`, every unknown i within `bounds[i]`. `at` gives the point at a position with the step
-/// that led there, or `None` where the cost does not exist.
+/// Minimises a cost from `start`, every unknown i within `bounds[i]`. `at` returns the point at a position,
+/// given the step that led there, or `None` where the cost does not exist.
 ///
-/// Damping follows Nielsen (IMM-REP-1999-05): it falls smoothly with the gain ratio and grows twice as fast at each
-/// failure. A coordinate at a bound that pushes outwards is held there. `observe` is told the number of the step and the cost
-/// before a step and after each failure, and may end the search at the best point so far.
+/// Damping follows Nielsen (IMM-REP-1999-05): it falls smoothly with the gain ratio and grows twice as fast
+/// at each failure. A coordinate at a bound whose step points outwards is held there. `observe` receives the
+/// number of the step and the cost before each step and after each failure, and may end the search at the
+/// best point so far.
 pub fn search<P: Point>(
     start: P,
     bounds: &[(f64, f64)],
@@ -85,7 +86,7 @@ pub fn search<P: Point>(
         }
         let Some(slopes) = point.derivatives() else { break };
         let mut stepped = false;
-        // How far the minimum seems to be: the first step of a round, without its damping.
+        // Predicted distance of the minimum: the first step of a round, without its damping.
         let mut ahead = f64::INFINITY;
         for _ in 0..limits.trials {
             let Some((position, step)) = step(point.position(), &slopes, bounds, damping) else { break };
@@ -93,7 +94,7 @@ pub fn search<P: Point>(
             let length = step.dot(&curved).max(0.0).sqrt();
             ahead = ahead.min(length * (1.0 + damping));
             if length < limits.tolerance {
-                // A step that is short only because it was damped is no sign of a minimum.
+                // A step that is short only because of its damping is no sign of a minimum.
                 outcome.converged = ahead < NEAR;
                 return (point, outcome);
             }
@@ -122,14 +123,14 @@ pub fn search<P: Point>(
             }
         }
         if !stepped {
-            // Nothing near is lower: rounding, or a kink.
+            // No nearby point is lower: rounding, or a kink.
             break;
         }
     }
     (point, outcome)
 }
 
-/// Tells how far a descent has come, and whether it is to go on.
+/// Reports the progress of a descent; the result says whether to continue.
 pub(super) fn descends(watch: &Watch, step: usize, cost: f64) -> ControlFlow<()> {
     watch.step("descends", || format!("step {step}, cost {cost:.6e}"), None)
 }
@@ -149,7 +150,7 @@ fn step(
             f[(i, i)] <= 0.0 || position[i] <= lower && g[i] < 0.0 || position[i] >= upper && g[i] > 0.0
         })
         .collect();
-    // A step that leaves the bounds is cut there and the others are found anew.
+    // A step that leaves the bounds is cut there and the others are recomputed.
     for _ in 0..=n {
         let free: Vec<usize> = (0..n).filter(|i| !held[*i]).collect();
         let mut step = DVector::zeros(n);

@@ -1,11 +1,14 @@
-//! Simulation and one-step prediction of a vehicle with any effects, with sensitivities by central differences.
+//! Simulation and one-step prediction of a vehicle with any effects, with sensitivities by central
+//! differences.
 //!
-//! All simulators run side by side, step by step, so that nothing but the present step is held in memory. Central
-//! differences serve every effect alike, those with a threshold too, and at an effect's null value they give the
-//! signature by which diagnosis tests it; where a value lies at the edge of its range, the difference is one-sided.
+//! All simulators run side by side, step by step, so that only the current step is held in memory. Central
+//! differences apply to every effect, including those with a threshold, and at an effect's null value they
+//! give the signature by which diagnosis tests it; at the edge of a parameter's range the difference is
+//! one-sided.
 //!
-//! A prediction corrects the state of each simulator by its own innovations, with the gain of the linear model there:
-//! an observer that need not be optimal where an effect acts, but whose predictions are free of bias.
+//! A prediction corrects the state of each simulator by its own innovations, with the gain of the linear
+//! model there: an observer that need not be optimal where an effect acts, but whose predictions are
+//! unbiased.
 
 use whirlstand_vehicle::Simulator;
 
@@ -13,21 +16,21 @@ use super::data::Segment;
 use super::predictor::Gains;
 use super::problem::{Problem, Step, Sweep, split};
 
-/// Step of a parameter in a central difference, as a share of its range.
+/// Perturbation of a parameter in a central difference, as a share of its range.
 const PARAMETER_STEP: f64 = 1e-5;
-/// Step of an initial state and of an offset, in their own units.
+/// Perturbation of an initial state and of an offset, in their own units.
 const STATE_STEP: f64 = 1e-3;
 
-/// Step of a noise parameter, which is a logarithm.
+/// Perturbation of a noise parameter, which is a logarithm.
 const NOISE_STEP: f64 = 1e-3;
 
-/// A simulator at the present parameters, and one on either side of it for each parameter.
+/// A simulator at the current parameters, and one on either side of it for each parameter.
 #[derive(Debug)]
 pub struct Simulated<'p> {
     problem: &'p Problem,
     gains: Option<&'p Gains>,
     centre: Simulator,
-    /// For each parameter, those of the noise included, the simulators with a greater and with a smaller value.
+    /// Simulators with a larger and with a smaller value of each parameter, noise parameters included.
     perturbed: Vec<Pair>,
 }
 
@@ -36,18 +39,18 @@ pub struct Simulated<'p> {
 struct Pair {
     above: Simulator,
     below: Simulator,
-    /// The parameter on which the gains depend, and the distances of `above` and `below` from the centre; `None` for an
-    /// initial state or an offset, on which the gains do not depend.
+    /// The parameter on which the gains depend, and the distances of `above` and `below` from the centre;
+    /// `None` for an initial state or an offset, on which the gains do not depend.
     moved: Option<(usize, f64, f64)>,
     /// For an offset the output, and what is added to it in `above` and subtracted in `below`.
     offset: Option<(usize, f64)>,
-    /// One over the distance between `above` and `below`.
+    /// Inverse of the distance between `above` and `below`.
     inverse: f64,
 }
 
 impl<'p> Simulated<'p> {
-    /// The simulators at `theta`, predicting with `gains` or running freely without; `None` when one has no finite
-    /// step.
+    /// The simulators at `theta`, predicting with `gains` or running freely without; `None` when one has no
+    /// finite discretisation.
     pub fn new(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Self> {
         let at = |theta: &[f64]| Simulator::expected(&problem.vehicle_at(theta), problem.period_s).ok();
         let centre = at(theta)?;
@@ -132,7 +135,8 @@ impl Sweep for Simulated<'_> {
         let mut centre = self.centre.clone();
         centre.begin_at(segment.first_step);
         centre.set_state(&state);
-        // An offset moves a prediction's state, and that of a simulation not: there its slope is simply one.
+        // An offset affects the state of a predictor but not that of a simulation, where its sensitivity is
+        // one.
         let tracked = if self.gains.is_some() { offsets.len() } else { 0 };
         let mut perturbed = self.neighbours(segment.first_step, &state, initial.len(), tracked);
         let mut predicted = vec![0.0; p];

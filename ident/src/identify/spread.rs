@@ -1,4 +1,4 @@
-//! How well the data determine the parameters: their covariance, and parameters that cannot be determined.
+//! Accuracy of the parameters: their covariance, and parameters that the data do not determine.
 
 use super::sweep::simulation;
 use nalgebra::DMatrix;
@@ -12,10 +12,10 @@ use super::problem::{Parameter, Problem};
 
 /// Covariance of the parameters of an output-error fit.
 ///
-/// The fit weighs residuals as `whitening` says. Where what is left is still coloured, `residual` describes it by an
-/// autoregressive model of each output, and the covariance is F^-1 (sum J' R J) F^-1 with R the residual's
-/// autocovariance (Maine and Iliff, NASA RP-1138, 1985; Morelli and Klein, J. Aircraft 34, 1997). R J is taken through
-/// the model's filter, |1/A|^2, in one sweep.
+/// The fit weights residuals by `whitening`. Where the final residual is still coloured, `residual` describes
+/// it by an autoregressive model of each output, and the covariance is F^-1 (sum J' R J) F^-1 with R the
+/// residual's autocovariance (Maine and Iliff, NASA RP-1138, 1985; Morelli and Klein, J. Aircraft 34, 1997).
+/// R J is computed by the model's filter, |1/A|^2, in one sweep.
 pub fn covariance(
     problem: &Problem,
     segments: &[Segment],
@@ -53,7 +53,8 @@ pub fn covariance(
                 }
             }
         });
-        // The nuisances follow the parameters: the columns of the parameters with the nuisances eliminated.
+        // The nuisances depend on the parameters: the columns of the parameters after elimination of the
+        // nuisances.
         let mut turn = DMatrix::zeros(columns, np);
         turn.fill_diagonal(1.0);
         turn.view_mut((np, 0), coupling.shape()).copy_from(coupling);
@@ -66,7 +67,7 @@ pub fn covariance(
     Some(&inverse * spread * &inverse)
 }
 
-/// The sensitivities of one output on their way through both filters.
+/// Sensitivities of one output as they pass both filters.
 struct Channel {
     whiten: RowFilter,
     colour: RowFilter,
@@ -91,18 +92,18 @@ impl Channel {
     }
 }
 
-/// A parameter that the data do not determine, and why.
+/// A parameter that the data do not determine, with the reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Undetermined {
     /// Index of the parameter in the problem.
     pub index: usize,
-    /// Why the data do not determine it, in a sentence.
+    /// Reason why the data do not determine it, as a sentence.
     pub why: String,
 }
 
 /// Largest standard error that still counts as determined, as a share of the parameter's range.
 const WIDEST: f64 = 0.25;
-/// Least eigenvalue of the information, scaled to a diagonal of ones, that is not rounding.
+/// Smallest eigenvalue of the information, scaled to a diagonal of ones, that exceeds rounding.
 const SINGULAR: f64 = 1e-10;
 
 /// The parameter that the data determine least; `None` when they determine all.
@@ -169,8 +170,8 @@ pub fn correlation(covariance: &DMatrix<f64>, i: usize, j: usize) -> f64 {
     if scale > 0.0 { covariance[(i, j)] / scale } else { 0.0 }
 }
 
-/// Information about the first `np` unknowns, np x np, after the other unknowns are eliminated; `None` when those are
-/// singular.
+/// Information about the first `np` unknowns, np x np, after elimination of the other unknowns; `None` when
+/// those are singular.
 pub fn marginal(information: &DMatrix<f64>, np: usize) -> Option<DMatrix<f64>> {
     let right = nalgebra::DVector::zeros(information.nrows());
     Some(eliminate(information, &right, np)?.information)

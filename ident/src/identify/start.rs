@@ -1,9 +1,10 @@
 //! Start values from the data: an equation-error fit with modulating functions.
 //!
-//! Each equation dx_i/dt = sum a_ij x_j + sum b_ij u_j + c is multiplied by phi(t) = sin^2(pi t / L) exp(-i w t) over
-//! windows of length L and integrated by parts, so that no measured signal is differentiated (Shinbrot, NACA TN 3288,
-//! 1954; Preisig and Rippin, Comput. Chem. Eng. 17, 1993). That is linear regression for the free entries of A and B.
-//! A state without a sensor is the derivative of a measured one where the model says so.
+//! Each equation dx_i/dt = sum a_ij x_j + sum b_ij u_j + c is multiplied by phi(t) = sin^2(pi t / L) exp(-i w
+//! t) over windows of length L and integrated by parts, so that no measured signal is differentiated
+//! (Shinbrot, NACA TN 3288, 1954; Preisig and Rippin, Comput. Chem. Eng. 17, 1993). The result is a linear
+//! regression for the free entries of A and B. A state without a sensor is computed as the derivative of a
+//! measured one where the model defines it so.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::{Kind, Matrix, Target, Vehicle};
@@ -11,17 +12,17 @@ use whirlstand_vehicle::{Kind, Matrix, Target, Vehicle};
 use super::data::Segment;
 use super::problem::Problem;
 
-/// Where the signal of a state comes from.
+/// Source of a state's signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Source {
-    /// Output over gain.
+    /// An output divided by its gain: index of the output, gain.
     Measured(usize, f64),
-    /// Derivative of output over gain.
+    /// The derivative of an output divided by its gain: index of the output, gain.
     Derived(usize, f64),
 }
 
-/// Start values from the data, one set a window length, coarse windows first; empty when a state with free entries
-/// cannot be computed from the outputs.
+/// Start values from the data, one set per window length, longest windows first; empty when a state with free
+/// entries cannot be computed from the outputs.
 pub fn candidates(problem: &Problem, segments: &[Segment]) -> Vec<Vec<f64>> {
     let given: Vec<f64> = given(problem);
     if problem.parameters.iter().all(|p| p.start.is_some()) {
@@ -40,7 +41,7 @@ pub fn candidates(problem: &Problem, segments: &[Segment]) -> Vec<Vec<f64>> {
     found
 }
 
-/// Start values from the vehicle file, SI: `start` where it is given, else the value in the model, both within the
+/// Start values from the vehicle file, SI: `start` where given, else the value in the model, both within the
 /// bounds.
 pub fn given(problem: &Problem) -> Vec<f64> {
     let value = |p: &super::problem::Parameter| {
@@ -49,8 +50,8 @@ pub fn given(problem: &Problem) -> Vec<f64> {
     problem.parameters.iter().map(value).collect()
 }
 
-/// For every state the index of the output that measures it alone, and the gain: the row of C has no other entry, and
-/// no entry of C or D in that row is free.
+/// Index and gain of the output that measures each state alone: the row of C has no other entry, and no entry
+/// of C or D in that row is free.
 pub fn measuring_outputs(vehicle: &Vehicle, weights: &[f64]) -> Vec<Option<(usize, f64)>> {
     let alone = |i: usize, j: usize| {
         let row = vehicle.c.row(i);
@@ -102,8 +103,8 @@ fn modulate(t: f64, l: f64, w: f64) -> Integrals {
     [times(w0, 0.0), times(w1, -w * w0), times(w2 - w * w * w0, -2.0 * w * w1)]
 }
 
-/// Start values from windows of `window` samples with harmonics up to `share` of the sampling frequency; parameters
-/// that the equations do not determine keep their value in `given`.
+/// Start values from windows of `window` samples with harmonics up to `share` of the sampling frequency;
+/// parameters that the equations do not determine keep their value in `given`.
 fn regress(
     problem: &Problem,
     vehicle: &Vehicle,
@@ -144,9 +145,9 @@ fn regress(
 struct Harmonic {
     /// For every sample the function and its derivatives.
     phi: Vec<Integrals>,
-    /// For every input and sample the function at the middle of the held period, later by the delay of the input.
+    /// Function of every input and sample at the middle of the hold period, delayed by the input's delay.
     held: Vec<Vec<[f64; 2]>>,
-    /// Integral of the function: what the constant of an equation is multiplied by.
+    /// Integral of the function, which multiplies the constant of an equation.
     one: [f64; 2],
 }
 
@@ -272,8 +273,8 @@ fn solve_row(
     Some(())
 }
 
-/// Start values scattered over the inner tenth of the bounds, with damped diagonals: for structures whose states the
-/// outputs do not measure.
+/// Random start values in the inner tenth of the bounds, with damped diagonals: for structures whose states
+/// the outputs do not measure.
 pub fn scattered(problem: &Problem) -> Vec<Vec<f64>> {
     let mut stream = whirlstand_vehicle::Stream::new(1, "scattered starts");
     let base = given(problem);

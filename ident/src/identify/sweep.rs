@@ -1,16 +1,17 @@
-//! Chooses how a problem is simulated: by recursions where the vehicle is linear, else by the simulator.
+//! Selects the simulation method of a problem: recursions where the vehicle is linear, else the simulator.
 
 use super::linear::Linear;
 use super::predictor::Gains;
 use super::problem::{Problem, Sweep};
 use super::simulated::Simulated;
 
-/// The simulation at `theta`, ready to be swept over segments. `None` when it has no finite step.
+/// The simulation at `theta`. `None` when its discretisation is not finite.
 pub fn simulation<'p>(problem: &'p Problem, theta: &[f64]) -> Option<Box<dyn Sweep + 'p>> {
     with(problem, theta, None)
 }
 
-/// The one-step predictor at `theta` with the filter `gains` computed there. `None` when it has no finite step.
+/// The one-step predictor at `theta` with the filter `gains` computed there. `None` when its discretisation
+/// is not finite.
 pub fn predictor<'p>(problem: &'p Problem, theta: &[f64], gains: &'p Gains) -> Option<Box<dyn Sweep + 'p>> {
     with(problem, theta, Some(gains))
 }

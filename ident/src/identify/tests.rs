@@ -1,4 +1,4 @@
-//! Identification of what is known.
+//! Identification of vehicles with known parameters.
 
 use whirlstand_vehicle::{Simulator, Stream, Vehicle};
 
@@ -7,7 +7,7 @@ use super::pem::{Noise, fit};
 use super::problem::{Nuisance, Problem};
 use crate::watch::Watch;
 
-/// Multistep inputs as a pilot flies them: held for random times, to random sides.
+/// Random multistep inputs, as a pilot flies them.
 pub fn pilot(steps: usize, m: usize, period_s: f64, size: f64, seed: u64) -> Vec<f64> {
     let mut inputs = vec![0.0; steps * m];
     for j in 0..m {
@@ -25,7 +25,7 @@ pub fn pilot(steps: usize, m: usize, period_s: f64, size: f64, seed: u64) -> Vec
     inputs
 }
 
-/// A record of `vehicle` under `inputs`, with its sensors' noise.
+/// A record of `vehicle` under `inputs`, with sensor noise.
 pub fn record(vehicle: &Vehicle, inputs: &[f64], period_s: f64, seed: u64) -> Segment {
     let (m, p) = (vehicle.inputs.len(), vehicle.outputs.len());
     let mut simulator = Simulator::new(vehicle, period_s, seed).unwrap();
@@ -104,7 +104,8 @@ fn helicopters_from_their_structure_alone() {
     }
 }
 
-/// A vehicle with an effect that is free, flown with process noise under feedback: the predictor finds all.
+/// A vehicle with a free effect, flown with process noise in closed loop: the predictor estimates all
+/// parameters.
 #[test]
 fn a_free_effect_is_found_in_a_closed_loop() {
     let text = "A = [[0.0, 1.0], [-4.0, -0.5]]\nB = [[0.0], [2.0]]\n\
@@ -134,7 +135,7 @@ fn a_free_effect_is_found_in_a_closed_loop() {
         [Segment { origin: "test".into(), start_s: 0.0, first_step: 0, period_s, inputs, outputs, steps }];
     let problem = Problem::new(&vehicle, &segments, Nuisance::default()).unwrap();
     let truth = truth(&problem, &vehicle);
-    // Not from the truth, which the file gives.
+    // The start differs from the truth in the file.
     let mut elsewhere = vehicle.clone();
     for (p, v) in problem.parameters.iter().zip([-8.0, -1.0, 4.0, 0.02]) {
         elsewhere.set_free(&p.target, v).unwrap();
@@ -160,7 +161,7 @@ fn the_gradient_of_the_innovations_likelihood_is_that_of_its_differences() {
     let structure = NoiseStructure::new(&problem);
     let noises = std::iter::repeat_n(-3.0, structure.states.len())
         .chain(std::iter::repeat_n(-5.0, structure.outputs.len()));
-    // A little beside the truth, so that there is a gradient.
+    // Slightly off the truth, so that the gradient is not zero.
     let start: Vec<f64> = truth(&problem, &vehicle).iter().map(|v| 1.02 * v + 0.01).chain(noises).collect();
     let at = |u: &[f64], n: &[Vec<f64>]| evaluate(&problem, &structure, &segments, u, n).unwrap();
     let first = at(&start, &super::pem::no_nuisances(&problem, &segments));
@@ -173,7 +174,7 @@ fn the_gradient_of_the_innovations_likelihood_is_that_of_its_differences() {
             at(&moved, &e.nuisances).cost
         };
         let difference = (cost(-1.0) - cost(1.0)) / (0.04 * std);
-        // In standard errors: by how much a search would miss.
+        // In standard errors: the resulting error of a search.
         let off = (e.right[i] - difference).abs() * std;
         assert!(off < 0.01 * (1.0 + difference.abs() * std), "{i}: {} {difference} {off}", e.right[i]);
     }

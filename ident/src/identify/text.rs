@@ -56,14 +56,14 @@ pub fn levels(vehicle: &Vehicle, levels: &Levels) -> String {
     inputs.chain(outputs).map(one).collect::<Vec<_>>().join(", ")
 }
 
-/// False when something acted in a part of the data that the model does not have, which no standard error accounts for.
-/// Coloured noise, as of a vibration, does not count: standard errors are corrected for it, or too large in Kalman's
-/// form. Nor do those of a search that has not come to its minimum.
+/// False when an unmodelled disturbance acts in a part of the data, which no standard error accounts for, or
+/// when the search was stopped before its minimum. Coloured noise, as of a vibration, does not count:
+/// standard errors are corrected for it, or too large in the innovations form.
 pub fn standard_errors_hold(answer: &Identification) -> bool {
     answer.disturbed.is_empty() && !answer.partial
 }
 
-/// Where something acted that the model does not have, and what to do.
+/// Text on unmodelled disturbances, with advice.
 fn disturbances(answer: &Identification) -> Option<String> {
     const MOST_SUGGESTIONS: usize = 4;
     let worst = answer.disturbed.iter().max_by(|a, b| a.ratio.total_cmp(&b.ratio))?;
@@ -196,7 +196,7 @@ impl Identification {
         out
     }
 
-    /// The parameters in the units of the vehicle file, then those that were fixed.
+    /// The parameters in the units of the vehicle file, followed by the fixed ones.
     fn parameter_rows(&self) -> String {
         let mut out = String::new();
         let width = self.parameters.iter().map(|p| p.name.len()).chain([9]).max().unwrap_or(9);

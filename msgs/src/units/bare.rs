@@ -1,10 +1,11 @@
-//! A number without a unit where the declared unit is not that of SI: it has two readings, and neither is guessed.
+//! A number without a unit where the declared unit is not SI is ambiguous: both readings are reported, and
+//! neither is assumed.
 
 use super::{Unit, number};
 
-/// Why a number without a unit cannot be taken for a quantity that is declared in `unit`, whose text is `symbol` where it
-/// has one: both readings side by side, and what to write. `None` where the readings agree: the unit is that of SI, or
-/// the number is zero.
+/// Reason why a number without a unit is ambiguous for a quantity declared in `unit`, whose text is `symbol`
+/// where it has one: both readings side by side, and what to write. `None` where the readings agree: the unit
+/// is SI, or the number is zero.
 pub fn two_readings(value: f64, unit: &Unit, symbol: Option<&str>) -> Option<String> {
     if value == 0.0 || unit.is_si() {
         return None;

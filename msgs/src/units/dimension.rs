@@ -1,4 +1,4 @@
-//! Dimensions: what kind of quantity a unit measures.
+//! Dimensions of units.
 
 use std::fmt;
 
@@ -39,12 +39,12 @@ const DERIVED: &[(&str, Dimension)] = &[
     ("Pa", PRESSURE),
     ("T", FLUX),
     ("ohm", RESISTANCE),
-    // The torque of a rotor, by far the more frequent reading of this dimension on a rig.
+    // Torque of a rotor, by far the more frequent meaning of this dimension on a test rig.
     ("N*m", ENERGY),
 ];
 
 impl Dimension {
-    /// True for a pure number.
+    /// True for a dimensionless number.
     pub fn is_none(&self) -> bool {
         *self == NONE
     }
@@ -64,7 +64,7 @@ impl Dimension {
     }
 }
 
-/// The coherent SI unit, in the syntax that [`Unit`] reads; empty for a pure number.
+/// The coherent SI unit, in the syntax that [`Unit`] reads; empty for a dimensionless number.
 impl fmt::Display for Dimension {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some((symbol, _)) = DERIVED.iter().find(|(_, d)| d == self) {

@@ -1,5 +1,5 @@
-//! Units: what stands in brackets in a column head, behind a number in a launch file, beside a signal in a
-//! vehicle file. Everything is turned into SI where it is read; angles are in rad.
+//! Units: in brackets in a column head, after a number in a launch file, beside a signal in a vehicle file.
+//! Every value is converted to SI where it is read; angles are in rad.
 //!
 //! A unit is a product of symbols with whole exponents: `deg/s`, `m/s^2`, `kg*m^2`, `N m`, `V`, `1/s`, `%`.
 //! Everything after a slash divides: `m/s/s` and `m/s*s` are both `m/s^2`. Symbols of SI take the prefixes n, u
@@ -34,47 +34,47 @@ pub use self::shown_signals::ShownSignals;
 use self::symbols::lookup;
 pub use self::unit::Unit;
 
-/// Why a text is not a unit or a quantity.
+/// Reason why a text is not a unit or a quantity.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum UnitError {
-    /// A symbol that the table does not have.
+    /// A symbol is not in the table.
     #[error(
         "'{symbol}' in '{text}' is not a known unit; known are for example deg, rad, deg/s, m/s, m/s^2, g, V, N, Hz, rpm, s, ms, samples, %"
     )]
     Unknown {
-        /// The symbol.
+        /// Unknown symbol.
         symbol: String,
         /// The whole text.
         text: String,
     },
-    /// An exponent that is not a small whole number.
+    /// An exponent is not a small integer.
     #[error("'{exponent}' in '{text}' is not an exponent: write a whole number from -9 to 9, as in m/s^2")]
     Exponent {
-        /// What stands behind the caret.
+        /// Text after the caret.
         exponent: String,
         /// The whole text.
         text: String,
     },
-    /// A scale with its own zero point inside a product.
+    /// A unit with its own zero point is part of a product.
     #[error("'{symbol}' has its own zero point and cannot be part of '{text}': use K instead")]
     Offset {
-        /// The symbol.
+        /// Symbol of the unit.
         symbol: String,
         /// The whole text.
         text: String,
     },
-    /// A quantity that does not begin with a finite number.
+    /// A quantity does not begin with a finite number.
     #[error("'{text}' is not a quantity: write a number and a unit, as in \"5 deg\"")]
     Number {
         /// The whole text.
         text: String,
     },
-    /// A unit of another kind.
+    /// A unit has another dimension than expected.
     #[error("'{text}' is in {found}, but a quantity in {expected} is expected here")]
     Dimension {
         /// The whole text.
         text: String,
-        /// Its dimension, as an SI unit.
+        /// Dimension of the unit, as an SI unit.
         found: String,
         /// The expected dimension, as an SI unit.
         expected: String,
@@ -104,7 +104,8 @@ impl FromStr for Unit {
             match tail.next() {
                 None => return Ok(unit),
                 Some('/') => over = false,
-                // A product sign keeps the side: in kg*m/s*s the last s is under the slash, as most people write it.
+                // A product sign stays on its side: in kg*m/s*s the last s is below the slash, as most people
+                // write it.
                 Some(_) => {}
             }
             rest = tail.as_str();
@@ -157,7 +158,7 @@ fn split_exponent(factor: &str) -> (&str, Option<&str>) {
 pub struct Quantity {
     /// Value in the coherent SI unit of `unit`.
     pub si: f64,
-    /// The unit it was written in.
+    /// Unit in which the quantity was written.
     pub unit: Unit,
     text: String,
 }

@@ -1,4 +1,4 @@
-//! Numbers as an engineer reads them.
+//! Number formatting for readers.
 
 /// A number with about three significant digits; `-` for one that is not finite.
 pub fn number(v: f64) -> String {
@@ -15,16 +15,16 @@ pub fn number(v: f64) -> String {
     }
 }
 
-/// A number with as many significant digits as asked for, at least one.
+/// A number rounded to `digits` significant digits, at least one.
 pub fn rounded(v: f64, digits: usize) -> f64 {
-    // The text reads back as the nearest number, which prints with as few digits as tell it from its neighbours.
+    // The text reads back as the nearest number, which prints with the fewest digits that identify it.
     format!("{v:.*e}", digits.max(1) - 1).parse().unwrap_or(v)
 }
 
-/// Significant digits of what arithmetic leaves of a number that was meant: 120 for 120.00000000000001.
+/// Significant digits of a number free of arithmetic noise: 120 for 120.00000000000001.
 pub const MEANT_DIGITS: usize = 12;
 
-/// A number as it was meant, without the noise of floating-point arithmetic: [`MEANT_DIGITS`], and no zeros at the end.
+/// A number without the noise of floating-point arithmetic: [`MEANT_DIGITS`], without trailing zeros.
 pub fn clean(v: f64) -> String {
     let rounded = rounded(v, MEANT_DIGITS);
     if rounded == 0.0 || (1e-5..1e15).contains(&rounded.abs()) || !rounded.is_finite() {

@@ -1,4 +1,4 @@
-//! The unit in which a reader sees values that are held in SI.
+//! Units in which SI values are shown to a reader.
 
 use std::fmt;
 
@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{Unit, number};
 
-/// How values that are held in SI are shown: in the unit that the vehicle file declares for the signal, or, where no file declares
-/// one, in SI with angles in degrees. It is serialised as the SI unit, as the values beside it are.
+/// Unit in which SI values are shown: that which the vehicle file declares for the signal, or, where no file
+/// declares one, SI with angles in degrees. It is serialised as the SI unit, like the values beside it.
 ///
 /// ```
 /// use whirlstand_msgs::units::ShownUnit;
@@ -20,12 +20,12 @@ use super::{Unit, number};
 pub struct ShownUnit {
     si: String,
     symbol: String,
-    /// How many shown units one SI unit is.
+    /// Number of shown units per SI unit.
     factor: f64,
 }
 
 impl ShownUnit {
-    /// For values with this SI unit of which no file says how they are shown: angles in degrees, all else in SI.
+    /// Unit for values in this SI unit without a declaration: degrees for angles, SI for all else.
     pub fn of(si: &str) -> Self {
         let degrees =
             si.strip_prefix("rad").filter(|rest| rest.is_empty() || rest.starts_with(['/', '*', ' ', '·']));
@@ -35,33 +35,34 @@ impl ShownUnit {
         }
     }
 
-    /// SI itself.
+    /// Shown unit equal to SI.
     pub fn si(si: &str) -> Self {
         Self { si: si.into(), symbol: si.into(), factor: 1.0 }
     }
 
-    /// As a file declares it, with the text that stands there.
+    /// Shown unit as a file declares it, with its text.
     pub fn declared(unit: &Unit, symbol: &str) -> Self {
         let symbol = if *unit == Unit::ONE { "" } else { symbol.trim() };
         Self { si: unit.si_symbol(), symbol: symbol.into(), factor: 1.0 / unit.factor() }
     }
 
-    /// As a symbol says that was [shown](Self::symbol) before; with a symbol that is none, what [`Self::of`] makes of `si`.
+    /// Shown unit from a [symbol](Self::symbol) shown before; for an unknown symbol, that of [`Self::of`] for
+    /// `si`.
     pub fn named(si: &str, symbol: &str) -> Self {
         symbol.parse().map_or_else(|_| Self::of(si), |unit| Self::declared(&unit, symbol))
     }
 
-    /// The symbol of the SI unit in which the values are held; empty for a pure number.
+    /// Symbol of the SI unit in which the values are held; empty for a dimensionless number.
     pub fn si_symbol(&self) -> &str {
         &self.si
     }
 
-    /// The symbol that is shown; empty for a pure number.
+    /// Symbol that is shown; empty for a dimensionless number.
     pub fn symbol(&self) -> &str {
         &self.symbol
     }
 
-    /// How many shown units one SI unit is.
+    /// Number of shown units per SI unit.
     pub fn factor(&self) -> f64 {
         self.factor
     }
@@ -72,13 +73,13 @@ impl ShownUnit {
         if self.symbol.is_empty() { number } else { format!("{number} {}", self.symbol) }
     }
 
-    /// Of the derivative of what has this unit.
+    /// Unit of the derivative of a quantity with this unit.
     pub fn per_second(&self) -> Self {
         Self { si: per_second(&self.si), symbol: per_second(&self.symbol), factor: self.factor }
     }
 
-    /// Of a factor that makes what has this unit of what has the other one; in SI where no symbol can be written for it: there are
-    /// no brackets in units.
+    /// Unit of a factor from the other unit to this one; SI where no symbol can be written for it, as units
+    /// have no brackets.
     pub fn over(&self, other: &Self) -> Self {
         if other.symbol.is_empty() && other.si.is_empty() {
             return self.clone();
@@ -95,7 +96,7 @@ impl ShownUnit {
         let reads_back = symbol.parse::<Unit>().is_ok_and(|read| {
             read.dimension() == unit.dimension() && (read.factor() / unit.factor() - 1.0).abs() < 1e-12
         });
-        // What is SI anyhow is told in the shorter way: 1/s^2, not rad/s^2/rad, but rad/s^2/V.
+        // A unit that is SI anyway is written in the shorter way: 1/s^2, not rad/s^2/rad, but rad/s^2/V.
         let si = si.si_symbol();
         if reads_back && !(unit.is_si() && si.len() <= symbol.len()) {
             Self::declared(&unit, &symbol)
@@ -104,7 +105,7 @@ impl ShownUnit {
         }
     }
 
-    /// Of the root of a spectral density of what has this unit.
+    /// Unit of the root of a spectral density of a quantity with this unit.
     pub fn per_root_hertz(&self) -> Self {
         let root = |unit: &str| if unit.is_empty() { "1/√Hz".into() } else { format!("{unit}/√Hz") };
         Self { si: root(&self.si), symbol: root(&self.symbol), factor: self.factor }
@@ -135,7 +136,7 @@ impl fmt::Display for ShownUnit {
     }
 }
 
-/// The unit of a derivative of what has this unit.
+/// Symbol of the derivative of a quantity with this unit.
 fn per_second(unit: &str) -> String {
     let power = unit.rsplit_once("/s^").and_then(|(head, power)| Some((head, power.parse::<u8>().ok()?)));
     match (unit, power) {

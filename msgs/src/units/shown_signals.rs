@@ -1,8 +1,8 @@
-//! The units in which a reader sees a vehicle's signals and the entries of its matrices.
+//! Units in which a vehicle's signals and the entries of its matrices are shown to a reader.
 
 use super::ShownUnit;
 
-/// How the values of every signal of a vehicle are shown, and so those of what stands between two of them.
+/// Shown units of all signals of a vehicle, from which those of matrix entries follow.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ShownSignals {
     states: Vec<(String, ShownUnit)>,
@@ -11,7 +11,7 @@ pub struct ShownSignals {
 }
 
 impl ShownSignals {
-    /// Names and units in the order of the vehicle.
+    /// Shown units from names and units in the order of the vehicle.
     pub fn new(
         states: impl IntoIterator<Item = (String, ShownUnit)>,
         inputs: impl IntoIterator<Item = (String, ShownUnit)>,
@@ -22,7 +22,8 @@ impl ShownSignals {
         Self { states, inputs, outputs }
     }
 
-    /// Of a signal by its name, of a matrix entry as effects name it (`A[2,1]`); `None` for what the vehicle does not have.
+    /// Shown unit of a signal by name, or of a matrix entry as in effects (`A[2,1]`); `None` for names not in
+    /// the vehicle.
     pub fn of(&self, place: &str) -> Option<ShownUnit> {
         let mut signals = self.outputs.iter().chain(&self.inputs).chain(&self.states);
         let signal = signals.find(|(name, _)| name == place);
@@ -70,7 +71,7 @@ mod tests {
         for (place, si, told) in [
             ("rate", "rad/s", "2.00 rad/s"),
             ("tilt", "rad", "115 deg"),
-            // "mrad/s/rad/s" would divide by s twice: SI is told.
+            // "mrad/s/rad/s" would divide by s twice: SI is shown.
             ("A[1,2]", "", "2.00"),
             ("A[2,1]", "1/s^2", "0.00200 rad/s^2/mrad"),
             ("A[2,2]", "1/s", "2.00 1/s"),

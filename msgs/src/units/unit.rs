@@ -1,8 +1,8 @@
-//! A unit as numbers: what leads to SI, and what kind of quantity it measures.
+//! A unit as numbers: conversion to SI, and dimension.
 
 use super::dimension::{Dimension, NONE, TIME};
 
-/// A unit: how to reach SI, and what kind of quantity it measures.
+/// A unit: its conversion to SI, and its dimension.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unit {
     pub(super) factor: f64,
@@ -11,7 +11,7 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// The pure number.
+    /// The dimensionless unit one.
     pub const ONE: Self = Self { factor: 1.0, offset: 0.0, dimension: NONE };
     /// The second.
     pub const SECOND: Self = Self { factor: 1.0, offset: 0.0, dimension: TIME };
@@ -21,7 +21,8 @@ impl Unit {
         Self { factor: 1.0, offset: 0.0, dimension }
     }
 
-    /// This unit times a power of another, zero points aside; `None` when an exponent leaves the range of i8.
+    /// This unit times a power of another, without zero points; `None` when an exponent leaves the range of
+    /// i8.
     pub fn times(&self, other: &Self, power: i8) -> Option<Self> {
         let dimension = self.dimension.times(other.dimension, power)?;
         // A quotient, so that a unit over itself is exactly one.
@@ -34,7 +35,7 @@ impl Unit {
 
     /// The value in SI of `value` in this unit.
     pub fn to_si(&self, value: f64) -> f64 {
-        // A unit of SI leaves every bit as it is, NaN payloads and signed zeros too.
+        // A value in SI is unchanged in every bit, NaN payloads and signed zeros included.
         if self.is_si() { value } else { value * self.factor + self.offset }
     }
 
@@ -48,17 +49,17 @@ impl Unit {
         self.factor == 1.0 && self.offset == 0.0
     }
 
-    /// How many SI units this one is, the zero point aside: what a slope or a standard deviation is multiplied by.
+    /// SI value of one unit without the zero point: the factor of a slope or a standard deviation.
     pub fn factor(&self) -> f64 {
         self.factor
     }
 
-    /// What kind of quantity the unit measures.
+    /// Dimension of the unit.
     pub fn dimension(&self) -> Dimension {
         self.dimension
     }
 
-    /// The coherent SI unit of the same dimension, empty for a pure number.
+    /// The coherent SI unit of the same dimension; empty for a dimensionless number.
     pub fn si_symbol(&self) -> String {
         self.dimension.to_string()
     }

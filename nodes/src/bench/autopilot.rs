@@ -1,7 +1,9 @@
-//! Latency of the bridges to autopilots, from the bus to the wire and back, beside a bare echo of the same datagrams.
+//! Latency of the bridges to autopilots, from the bus to the wire and back, compared with a bare echo of the
+//! same datagrams.
 //!
-//! This process is the plant and the autopilot in one: it publishes a step, takes the sensors from the autopilot, answers at
-//! once, and takes the command from the bus. The node in between is a process of its own, as the echo is.
+//! This process is both the plant and the autopilot: it publishes a step, receives the sensors as the
+//! autopilot, answers at once, and receives the command from the bus. The measured node is a separate
+//! process, as is the echo.
 
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
@@ -25,10 +27,10 @@ use crate::setup::Setup;
 /// Bytes of an echoed datagram: those of ArduPilot's servo packet.
 const ECHO_BYTES: usize = 40;
 
-/// Longest wait for anything.
+/// Longest wait for any message.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// The bridges that are measured.
+/// Kinds of bridges that are measured.
 const KINDS: [BridgeKind; 3] = [BridgeKind::Px4Hil, BridgeKind::ArdupilotJson, BridgeKind::BetaflightSitl];
 
 /// Measures the echo, then each bridge.
@@ -55,7 +57,7 @@ fn socket() -> Result<UdpSocket, BenchError> {
     Ok(socket)
 }
 
-/// A port that nobody has, for a process that is about to start.
+/// A free port, for a process that is about to start.
 fn free_port() -> Result<u16, BenchError> {
     socket()?.local_addr().map(|a| a.port()).map_err(process("ask for a port"))
 }
@@ -68,7 +70,7 @@ fn echo(options: &Options) -> Result<RoundTrips, BenchError> {
     socket.set_read_timeout(Some(Duration::from_millis(50))).map_err(process("set a time limit"))?;
     let mut buffer = [0; ECHO_BYTES];
     let until = Instant::now() + PATIENCE;
-    // The child needs a moment; its port refuses until then.
+    // The child needs a moment to start; its port refuses until then.
     while socket.send(&buffer).is_err() || socket.recv(&mut buffer).is_err() {
         if Instant::now() > until {
             return Err(failed(&"the echo does not answer"));
@@ -81,7 +83,7 @@ fn echo(options: &Options) -> Result<RoundTrips, BenchError> {
     })
 }
 
-/// The autopilot's side: sensors in, outputs back.
+/// Stand-in for the autopilot: receives sensors, sends outputs.
 struct AutopilotStandIn {
     kind: BridgeKind,
     sensors: UdpSocket,
@@ -89,7 +91,7 @@ struct AutopilotStandIn {
     encoder: Encoder,
     deframer: Deframer,
     number: u32,
-    /// ArduPilot's last line, which may come again.
+    /// ArduPilot's last line, which may be repeated.
     line: Vec<u8>,
     buffer: Vec<u8>,
 }
@@ -121,7 +123,7 @@ impl AutopilotStandIn {
         ))
     }
 
-    /// What an autopilot says first.
+    /// Sends the autopilot's first message.
     fn greet(&mut self) -> Result<(), BenchError> {
         match self.kind {
             BridgeKind::Px4Hil => self.controls(0),
@@ -130,7 +132,7 @@ impl AutopilotStandIn {
         }
     }
 
-    /// Takes the sensors of a step and answers them.
+    /// Receives the sensors of a step and answers them.
     fn answer(&mut self) -> Result<(), BenchError> {
         loop {
             let length = self.sensors.recv(&mut self.buffer).map_err(process("receive sensors"))?;
@@ -160,7 +162,7 @@ impl AutopilotStandIn {
     }
 
     fn send(&self, bytes: &[u8]) -> Result<(), BenchError> {
-        // Until the bridge's port is open, nothing arrives, which is told with the next datagram.
+        // Until the bridge's port is open, datagrams are lost, which is reported with the next one.
         let _ = self.sensors.send_to(bytes, ("127.0.0.1", self.peer));
         Ok(())
     }
@@ -186,7 +188,7 @@ impl AutopilotStandIn {
     }
 }
 
-/// The plant's side: a vehicle that stands still.
+/// Stand-in for the plant: a vehicle at rest.
 struct Standing {
     bus: Bus,
     truth: Publisher<Truth>,
@@ -203,7 +205,7 @@ impl Standing {
         Ok(self.imu.send(&imu).map_err(crate::NodeError::from)?)
     }
 
-    /// Waits for the command of a step; false when it does not come in time.
+    /// Waits for the command of a step; false when it does not arrive in time.
     fn command(&mut self, step: u64, patience: Duration) -> Result<bool, BenchError> {
         let commands = &mut self.commands;
         let came = self.bus.wait_until(Instant::now() + patience, || {
@@ -234,7 +236,7 @@ fn bridge(options: &Options, kind: BridgeKind) -> Result<RoundTrips, BenchError>
     let node = Member::Node { role: Role::Controller, config: Box::new(config) };
     let mut fleet = Fleet::start(options, [(kind.name().to_string(), node)])?;
     let until = Instant::now() + PATIENCE;
-    // The first step is repeated, as a plant repeats it, until the node is there and has answered.
+    // The first step is repeated, as by a plant, until the node is running and has answered.
     autopilot
         .sensors
         .set_read_timeout(Some(Duration::from_millis(20)))
@@ -250,7 +252,7 @@ fn bridge(options: &Options, kind: BridgeKind) -> Result<RoundTrips, BenchError>
             return Err(failed(&format!("{kind} does not begin")));
         }
     }
-    // What was streamed before the run is not of it.
+    // Sensors streamed before the run are discarded.
     while autopilot.answer().is_ok() {}
     autopilot.sensors.set_read_timeout(Some(PATIENCE)).map_err(process("set a time limit"))?;
     let latencies = RoundTrips::take(options.seconds, &mut |i| {

@@ -1,8 +1,9 @@
-//! Latency of the bridges, from the wire over the bus and back to the wire, beside a bare echo on the same kind of wire.
+//! Latency of the bridges, from the wire over the bus and back to the wire, compared with a bare echo on the
+//! same kind of wire.
 //!
-//! Here is the other end of the wire: it says an attitude and waits for the channel value that follows from it. The
-//! bridge is the node as it runs on a bench; on the bus a thread answers each `Imu` with a `Command`. The echo is a thread
-//! that sends back what it gets. Both are asked at the same pace, one after the other.
+//! This process is the other end of the wire: it sends an attitude and waits for the resulting channel value.
+//! The bridge is the node as it runs on a bench; on the bus a thread answers each `Imu` with a `Command`. The
+//! echo is a thread that returns what it receives. Both are measured at the same pace, one after the other.
 
 use std::io::{Read, Write};
 use std::net::UdpSocket;
@@ -68,7 +69,7 @@ fn mavlink(seconds: f64) -> Result<Vec<Figure>, BenchError> {
             autopilot.encode(&MavMessage::HEARTBEAT(beat), now, &mut bytes);
         }
         let (roll, us) = asked(i);
-        // A stamp that is not newer than the last is refused.
+        // A time stamp that is not newer than the last is refused.
         time_boot_ms = (now.as_millis() as u32).max(time_boot_ms + 1);
         let attitude = dialect::ATTITUDE_DATA { time_boot_ms, roll: roll as f32, ..Default::default() };
         autopilot.encode(&MavMessage::ATTITUDE(attitude), now, &mut bytes);
@@ -122,19 +123,20 @@ fn crsf_line(seconds: f64) -> Result<Vec<Figure>, BenchError> {
     Ok(figures("crsf", "a pseudo-terminal", &bridged, &echo))
 }
 
-/// Outputs that are kept alive come without an answer as well.
+/// Periodic outputs arrive without an attitude as well.
 fn in_time(until: Instant) -> Result<(), BenchError> {
     let late = || failed("wait for the bridge's answer")(std::io::ErrorKind::TimedOut.into());
     (Instant::now() < until).then_some(()).ok_or_else(late)
 }
 
-/// Roll that is said in an exchange, rad, and the channel that follows from it, us.
+/// Roll angle of an exchange, rad, and the resulting channel, us.
 fn asked(i: u32) -> (f64, u16) {
     let us = 1300 + (i * 37 % 401) as u16;
     ((f64::from(us) - 1500.0) / 500.0, us)
 }
 
-/// Runs the bridge, and a program on the bus that answers it, while the other end of the wire makes its exchanges.
+/// Runs the bridge, and a program on the bus that answers it, while the other end of the wire makes its
+/// exchanges.
 fn with_bridge(
     kind: BridgeKind,
     mut options: BridgeOptions,
@@ -143,7 +145,7 @@ fn with_bridge(
 ) -> Result<RoundTrips, BenchError> {
     options.safety.arm = ArmBy::Start;
     options.safety.recover_after_s = Some(0.05);
-    // A pause of a busy machine is a long latency here, and no failure.
+    // A pause of a busy machine counts as a long latency here, not as a failure.
     let safety = &mut options.safety;
     (safety.stale_s, safety.command_timeout_s, safety.link_timeout_s) = (PATIENCE_S, PATIENCE_S, PATIENCE_S);
     let mut bench = config("bridge", Transport::Iceoryx2, Mode::Realtime, u64::MAX / 2)?;
@@ -173,7 +175,7 @@ fn with_bridge(
     })
 }
 
-/// The first exchanges fail until all have found each other.
+/// The first exchanges fail until all parts are connected.
 fn begin(exchange: &mut Exchange<'_>, ended: impl Fn() -> bool) -> Result<(), BenchError> {
     let until = Instant::now() + 4 * PATIENCE;
     loop {
@@ -185,7 +187,7 @@ fn begin(exchange: &mut Exchange<'_>, ended: impl Fn() -> bool) -> Result<(), Be
     }
 }
 
-/// Answers each `Imu` with the command that turns its roll into the channel's place.
+/// Answers each `Imu` with the command that moves the channel in proportion to its roll.
 fn answer(bench: &NodeConfig, stop: &StopFlag) -> Result<(), NodeError> {
     let full = Vehicle::builtin("quadrotor").map_or(1.0, |v| v.inputs[0].upper);
     let bus = Bus::open(&Setup::bus_config(bench, Role::Controller))?;
@@ -230,7 +232,7 @@ fn udp_echo(seconds: f64) -> Result<RoundTrips, BenchError> {
 
 fn pty_echo(seconds: f64) -> Result<RoundTrips, BenchError> {
     let (wire, path) = pty()?;
-    // The raw settings of a link, without its bookkeeping.
+    // The serial settings of a link, without its management.
     let address: Address = format!("serial://{path}:{}", crsf::BAUD)
         .parse()
         .map_err(|e| BenchError::Member { who: "the echo".into(), why: format!("{e}") })?;
@@ -242,7 +244,7 @@ fn pty_echo(seconds: f64) -> Result<RoundTrips, BenchError> {
         scope.spawn(move || {
             let mut there = there;
             let mut buffer = [0; 256];
-            // A single zero ends it.
+            // A single zero byte ends it.
             while let Ok(length @ 1..) = there.read(&mut buffer) {
                 if buffer[..length] == [0] || there.write_all(&buffer[..length]).is_err() {
                     break;
@@ -262,7 +264,7 @@ fn pty_echo(seconds: f64) -> Result<RoundTrips, BenchError> {
     })
 }
 
-/// A pseudo-terminal: this end, and the path of the other.
+/// A pseudo-terminal: this end, and the path of the other end.
 fn pty() -> Result<(OwnedFd, String), BenchError> {
     let open = || -> rustix::io::Result<(OwnedFd, String)> {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
@@ -274,7 +276,8 @@ fn pty() -> Result<(OwnedFd, String), BenchError> {
     open().map_err(|e| failed("open a pseudo-terminal")(e.into()))
 }
 
-/// Reads what comes within the patience. While nobody has the other end open a read fails, and is tried again.
+/// Reads available bytes within the longest wait. While the other end is not open a read fails, and is
+/// repeated.
 fn read_line(wire: &OwnedFd, buffer: &mut [u8]) -> Result<usize, BenchError> {
     let mut polled = [PollFd::new(wire, PollFlags::IN)];
     let patience = Timespec { tv_sec: PATIENCE.as_secs() as i64, tv_nsec: 0 };

@@ -1,29 +1,29 @@
-//! The kernel's wake-up latency as Debian's rt-tests measure it.
+//! Wake-up latency of the kernel, measured by Debian's rt-tests.
 
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use super::BenchError;
 
-/// Longest latency told apart, us.
+/// Largest latency resolved in the histogram, us.
 const BINS: u32 = 20_000;
 
 /// A running `cyclictest`: one thread, 1 kHz, `clock_nanosleep` to absolute deadlines, as the plant.
 pub(super) struct Cyclictest(Child);
 
-/// How late it woke.
+/// Distribution of the wake-up latency.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct WakeUpLatency {
-    /// Wakes by whole microseconds of latency.
+    /// Number of wake-ups per whole microsecond of latency.
     bins: Vec<(f64, u64)>,
-    /// Wakes beyond the last bin.
+    /// Number of wake-ups beyond the last bin.
     overflow: u64,
-    /// Greatest latency, us.
+    /// Largest latency, us.
     pub max_us: f64,
 }
 
 impl Cyclictest {
-    /// Starts it; `None` when it is not installed.
+    /// Starts `cyclictest`; `None` when it is not installed.
     pub(super) fn start(seconds: f64, priority: Option<u8>) -> Result<Option<Self>, BenchError> {
         let mut command = Command::new("cyclictest");
         command.args(["-m", "-q", "-t", "1", "-i", "1000", "-h", &BINS.to_string()]);
@@ -79,7 +79,7 @@ impl WakeUpLatency {
         self.bins.iter().map(|b| b.1).sum::<u64>() + self.overflow
     }
 
-    /// Latency that a share of the wakes did not exceed, us.
+    /// Latency that the given share of wake-ups does not exceed, us.
     pub(super) fn quantile(&self, share: f64) -> f64 {
         let wanted = (share * self.total() as f64).ceil() as u64;
         let mut seen = 0;
@@ -92,7 +92,7 @@ impl WakeUpLatency {
         self.max_us
     }
 
-    /// Wakes that were later than `limit`.
+    /// Number of wake-ups later than `limit`.
     pub(super) fn beyond(&self, limit: Duration) -> u64 {
         let limit = limit.as_secs_f64() * 1e6;
         self.bins.iter().filter(|b| b.0 >= limit).map(|b| b.1).sum::<u64>() + self.overflow

@@ -1,13 +1,13 @@
-//! The bare floor beside a bridge: a process that only sends datagrams back.
+//! Reference for a bridge's latency: a process that only returns datagrams.
 
 use std::net::UdpSocket;
 
 use super::BenchError;
 
-/// Sends every datagram back, for ever.
+/// Returns every datagram to its sender, forever.
 ///
 /// # Errors
-/// [`BenchError::Process`] when the port cannot be had.
+/// [`BenchError::Process`] when the port cannot be bound.
 pub(super) fn run_echo(port: u16) -> Result<(), BenchError> {
     let socket = UdpSocket::bind(("127.0.0.1", port)).map_err(failed("bind the echo's port"))?;
     let mut buffer = [0; 2048];

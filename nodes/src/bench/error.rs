@@ -1,26 +1,26 @@
-//! Why a measurement fails.
+//! Errors of a measurement.
 
 use super::options::MEASUREMENTS;
 use crate::error::NodeError;
 
-/// Why a measurement failed.
+/// Reason why a measurement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// There is no such measurement.
+    /// The name of the measurement is unknown.
     #[error("there is no measurement \"{0}\"{hint}; there are {list}", hint = whirlstand_msgs::names::did_you_mean(.0, MEASUREMENTS), list = MEASUREMENTS.join(", "))]
     Unknown(String),
-    /// A process cannot be started or talked to.
+    /// A process cannot be started, or communication with it fails.
     #[error("{what}: {source}")]
     Process {
-        /// What was tried.
+        /// Attempted action.
         what: String,
-        /// The system's answer.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A process ended badly or said something unexpected.
+    /// A process failed or sent something unexpected.
     #[error("{who} failed: {why}")]
     Member {
-        /// Which process.
+        /// Name of the process.
         who: String,
         /// Its error message.
         why: String,

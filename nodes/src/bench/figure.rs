@@ -1,36 +1,36 @@
-//! A measured figure, and what is promised of it.
+//! A measured figure with its goal.
 
 use serde::Serialize;
 
-/// One figure.
+/// A measured figure.
 #[derive(Debug, Clone, Serialize)]
 pub struct Figure {
-    /// What was measured, for example `lockstep over iceoryx2, three processes`.
+    /// Name of the measurement, for example `lockstep over iceoryx2, three processes`.
     pub name: String,
-    /// The median of all repetitions.
+    /// Median of all repetitions.
     pub value: f64,
-    /// Its unit.
+    /// Unit of the values.
     pub unit: &'static str,
-    /// All repetitions.
+    /// Values of all repetitions.
     pub all: Vec<f64>,
-    /// What the project promises; absent where it promises nothing.
+    /// Goal of the project; absent where there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub goal: Option<Goal>,
 }
 
-/// A promise about a figure.
+/// Goal for a figure.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Goal {
     /// The limit, in the figure's unit.
     pub limit: f64,
-    /// Whether the figure must be at least the limit; otherwise at most.
+    /// True when the figure must be at least the limit; otherwise at most.
     pub at_least: bool,
-    /// Whether it is.
+    /// True when the goal is met.
     pub met: bool,
 }
 
 impl Figure {
-    /// A figure of which more is better.
+    /// A figure for which more is better.
     pub(super) fn highest(
         name: impl Into<String>,
         unit: &'static str,
@@ -42,7 +42,7 @@ impl Figure {
         Self { name: name.into(), value, unit, all, goal }
     }
 
-    /// A figure of which less is better.
+    /// A figure for which less is better.
     pub(super) fn lowest(
         name: impl Into<String>,
         unit: &'static str,

@@ -1,4 +1,4 @@
-//! The processes of one measurement.
+//! Processes of one measurement.
 
 use std::io::{Read, Write};
 use std::process::{Child, Command, Stdio};
@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 use super::member::MemberReport;
 use super::{BenchError, Member, Options};
 
-/// How long a member may take to end once it should.
+/// Longest time until a member ends after it should.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Time between two looks whether a member has ended.
+/// Period of checks whether a member has ended.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
 
-/// Members that run; what is left of them is killed when this goes.
+/// Running members; those still running when it is dropped are killed.
 pub(super) struct Fleet {
     members: Vec<(String, Child)>,
 }
@@ -46,7 +46,7 @@ impl Fleet {
         Ok(())
     }
 
-    /// Asks a member to end in order.
+    /// Asks a member to terminate.
     pub(super) fn stop(&mut self, who: &str) {
         for (_, child) in self.members.iter().filter(|(name, _)| name == who) {
             // SAFETY: kill takes no pointer; the process is a child that was not waited for, so its number is its own.
@@ -54,12 +54,12 @@ impl Fleet {
         }
     }
 
-    /// Waits for a member's end and returns its words.
+    /// Waits for a member's end and returns its report.
     pub(super) fn finish(&mut self, who: &str) -> Result<MemberReport, BenchError> {
         self.finish_within(who, PATIENCE)
     }
 
-    /// As [`Self::finish`], for a member that ends by itself within `time`.
+    /// Waits as [`Self::finish`], for a member that ends by itself within `time`.
     pub(super) fn finish_within(&mut self, who: &str, time: Duration) -> Result<MemberReport, BenchError> {
         let at = self.members.iter().position(|(name, _)| name == who).ok_or_else(|| BenchError::Member {
             who: who.into(),
@@ -81,7 +81,7 @@ impl Fleet {
 impl Drop for Fleet {
     fn drop(&mut self) {
         for (_, child) in &mut self.members {
-            // It may have ended by itself by now; either way it is gone afterwards.
+            // It may have ended by itself already; it is gone afterwards in any case.
             let _ = child.kill();
             let _ = child.wait();
         }

@@ -1,4 +1,4 @@
-//! The bench whose throughput and latency are measured.
+//! Bench for measuring throughput and latency.
 
 use std::collections::BTreeMap;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -11,7 +11,7 @@ use crate::config::{
     ControllerConfig, EstimatorConfig, LawKind, Mode, NodeConfig, PlantConfig, Role, VehicleSource,
 };
 
-/// Its configuration: the quadrotor with its noisy sensors, model-based estimator, LQR, no log.
+/// Configuration of the bench: the quadrotor with its noisy sensors, model-based estimator, LQR, no log.
 pub(super) fn config(
     name: &str,
     transport: Transport,

@@ -1,4 +1,4 @@
-//! What a process of a measurement does.
+//! Member processes of a measurement.
 
 use serde::{Deserialize, Serialize};
 use whirlstand_bus::ring::Ring;
@@ -20,49 +20,49 @@ use crate::setup::Setup;
 pub enum Member {
     /// A node of a bench.
     Node {
-        /// Which one.
+        /// Role of the node.
         role: Role,
-        /// Its bench.
+        /// Configuration of its bench.
         config: Box<NodeConfig>,
     },
     /// A position of a ring that only passes messages round.
     Ring {
         /// Position, from 0.
         position: usize,
-        /// How it joins.
+        /// Configuration with which it joins.
         bus: Box<BusConfig>,
-        /// Without the bus, on the transport alone.
+        /// True to use the transport alone, without the bus.
         bare: bool,
-        /// Laps to time.
+        /// Number of timed laps.
         laps: u64,
-        /// CPUs that it may use; empty: all.
+        /// CPUs that it may use; empty for all.
         cpus: Vec<usize>,
     },
-    /// Sends every datagram back.
+    /// Returns every datagram to its sender.
     Echo {
         /// Port on the loopback.
         port: u16,
     },
 }
 
-/// What a member says at its end, as JSON on standard output.
+/// Final report of a member, as JSON on standard output.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub(super) struct MemberReport {
     /// Steps of a node, messages of a recorder, laps of a ring.
     pub count: u64,
-    /// Wall-clock time of these, s, where the member knows it.
+    /// Wall-clock time of the count, s, where the member knows it.
     pub seconds: f64,
     pub misses: u64,
     pub lost: u64,
     pub rejected: u64,
-    /// Beginnings of the periods of a realtime plant whose command did not come in time, `CLOCK_MONOTONIC`, ns.
+    /// Start times of a realtime plant's periods whose command did not arrive in time, `CLOCK_MONOTONIC`, ns.
     pub missed_ns: Vec<u64>,
-    /// Command latency of a realtime plant: 50 %, 99 %, 99.9 % and the greatest, ns.
+    /// Command latency of a realtime plant: 50 %, 99 %, 99.9 % quantile and maximum, ns.
     pub latency_ns: [u64; 4],
 }
 
-/// Runs a member and returns its words, one line of JSON for standard output.
+/// Runs a member and returns its report, one line of JSON for standard output.
 ///
 /// # Errors
 /// [`BenchError`] when the member fails.

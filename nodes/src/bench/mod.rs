@@ -1,8 +1,8 @@
-//! Measuring bodies of `whirlstand bench`: throughput, latency and jitter, each beside the bare floor of the same
-//! machine in the same run.
+//! Measurements of `whirlstand bench`: throughput, latency and jitter, each compared with the bare minimum of
+//! the same machine in the same run.
 //!
 //! Every process of a measurement is this same executable, started again with [`Options::member`] and a
-//! [`Member`] as JSON on standard input; [`run_member`] is what it then does.
+//! [`Member`] as JSON on standard input; [`run_member`] then runs it.
 
 mod autopilot;
 mod bridge;
@@ -28,20 +28,20 @@ pub use figure::{Figure, Goal};
 pub use member::{Member, run_member};
 pub use options::{MEASUREMENTS, Options};
 
-/// All figures of a call.
+/// Report of all measured figures.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
-    /// `whirlstand.bench.v1`.
+    /// Schema identifier, `whirlstand.bench.v1`.
     pub schema: &'static str,
-    /// CPUs that this process may use.
+    /// Number of CPUs that this process may use.
     pub cpus: usize,
-    /// Kernel, as `/proc/version` says.
+    /// Kernel version from `/proc/version`.
     pub kernel: String,
     /// The figures.
     pub figures: Vec<Figure>,
 }
 
-/// Runs the measurements; `progress` hears each figure as it comes.
+/// Runs the measurements; `progress` receives each figure when it is measured.
 ///
 /// # Errors
 /// [`BenchError`] for the first measurement that cannot run.

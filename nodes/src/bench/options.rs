@@ -1,4 +1,4 @@
-//! What can be measured, and how.
+//! Options of the measurements.
 
 /// The measurements, in the order in which they run.
 pub const MEASUREMENTS: [&str; 10] = [
@@ -14,24 +14,24 @@ pub const MEASUREMENTS: [&str; 10] = [
     "autopilots",
 ];
 
-/// What to measure, and how.
+/// Options of the measurements.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Names from [`MEASUREMENTS`]; empty: all.
     pub what: Vec<String>,
     /// Length of each throughput measurement, s.
     pub seconds: f64,
-    /// How often each throughput is measured; the median counts, and all are reported.
+    /// Number of repetitions of each throughput measurement; the median counts, and all are reported.
     pub repeat: u32,
     /// Length of the real-time measurement, s.
     pub realtime_seconds: f64,
-    /// SCHED_FIFO priority of the real-time measurement; `None` for an ordinary one.
+    /// SCHED_FIFO priority of the real-time measurement; `None` for ordinary scheduling.
     pub priority: Option<u8>,
-    /// CPUs on which plant, estimator and controller run in the lockstep measurement, and the positions of the ring
-    /// beside it alike; empty: the scheduler decides.
+    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the ring's positions in
+    /// its reference; empty: the scheduler decides.
     pub cpus: Vec<usize>,
     /// Program and arguments that start a [`Member`].
     pub member: Vec<String>,
-    /// Program and arguments that fly a launch file: `whirlstand run`.
+    /// Program and arguments that run a launch file: `whirlstand run`.
     pub run: Vec<String>,
 }

@@ -1,4 +1,5 @@
-//! The loop at 1 kHz, with the kernel's own timing measured beside it, and witnesses of when the machine stood still.
+//! Measures the loop at 1 kHz, together with the kernel's own timing and with witnesses that detect
+//! standstills of the machine.
 
 use std::time::Duration;
 
@@ -16,10 +17,10 @@ use crate::config::{Mode, RealtimeOptions, Role};
 /// Steps per second.
 const RATE: f64 = 1000.0;
 
-/// Time beyond the measured one within which the plant must have ended.
+/// Time beyond the measurement within which the plant must have ended.
 const START: Duration = Duration::from_secs(10);
 
-/// Runs the loop in real time; `cyclictest` runs at the same priority at the same time where it is installed.
+/// Measures the loop in real time; `cyclictest` runs concurrently at the same priority where it is installed.
 pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let steps = (options.realtime_seconds * RATE) as u64 + 1;
     let mut config = config("realtime", Transport::Iceoryx2, Mode::Realtime, steps)?;
@@ -81,8 +82,8 @@ pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
     Ok(figures)
 }
 
-/// Which missed deadlines the machine explains. The loop takes its median time where nothing comes between, and meets its deadline
-/// as long as less than the rest of the period is taken from it.
+/// Number of missed deadlines explained by standstills. Without interference the loop takes its median time,
+/// and it meets its deadline as long as standstills take less than the rest of the period.
 fn witnessed(options: &Options, plant: &MemberReport, standstills: &[Standstill]) -> [Figure; 2] {
     let period_ns = (1e9 / RATE) as u64;
     let spare_ns = period_ns.saturating_sub(plant.latency_ns[0] + witness::PERIOD_NS);

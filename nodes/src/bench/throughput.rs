@@ -1,4 +1,4 @@
-//! Steps per second: in one process, over shared memory, with the recorder, over the network.
+//! Throughput in steps per second: in one process, over shared memory, with the recorder, over the network.
 
 use std::hint::black_box;
 use std::net::TcpListener;
@@ -16,14 +16,14 @@ use crate::config::{Mode, NodeConfig, RealtimeOptions, RecorderConfig, Role};
 use crate::flight::{LANES, Pilot};
 use crate::os::{StopFlag, thread_time};
 
-/// Steps between two looks at the clock.
+/// Steps between two readings of the clock.
 const BATCH: u32 = 100_000;
 
-/// Laps of a ring over shared memory for each second of measuring, and over the network.
+/// Laps of a ring per second of measurement, over shared memory and over the network.
 const LAPS_PER_SECOND: f64 = 100_000.0;
 const ZENOH_LAPS_PER_SECOND: f64 = 5_000.0;
 
-/// The plant alone, eight states.
+/// Measures the plant alone, with eight states.
 pub(super) fn plant(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let broken = |e: &dyn std::fmt::Display| BenchError::Member {
         who: "the built-in helicopter-hover".into(),
@@ -49,7 +49,7 @@ pub(super) fn plant(options: &Options) -> Result<Vec<Figure>, BenchError> {
     Ok(vec![Figure::highest(name, "steps/s", rates, Some(20e6))])
 }
 
-/// The closed loop in one thread.
+/// Measures the closed loop in one thread.
 pub(super) fn inproc(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let mut rates = Vec::new();
     for _ in 0..options.repeat {
@@ -61,7 +61,7 @@ pub(super) fn inproc(options: &Options) -> Result<Vec<Figure>, BenchError> {
     Ok(vec![Figure::highest("closed loop in one process", "steps/s", rates, Some(2e6))])
 }
 
-/// The closed loop without a bus, as a campaign flies it: every step is looked at.
+/// Measures the closed loop without a bus, as in a campaign: every step is observed.
 pub(super) fn flight(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let config = config("flight", Transport::Inproc, Mode::Lockstep, u64::from(BATCH))?;
     let pilot = Pilot::new(&config)?;
@@ -85,7 +85,7 @@ pub(super) fn flight(options: &Options) -> Result<Vec<Figure>, BenchError> {
     ])
 }
 
-/// The same, as a campaign flies many of them; what others take of the processor does not count.
+/// Measures many flights together, as in a campaign; processor time of other processes does not count.
 fn together(options: &Options, config: &NodeConfig, pilot: &Pilot) -> Result<Figure, BenchError> {
     let seeded: Vec<_> = (0..LANES as u64).map(|seed| NodeConfig { seed, ..config.clone() }).collect();
     let configs: [&NodeConfig; LANES] = std::array::from_fn(|l| &seeded[l]);
@@ -96,7 +96,7 @@ fn together(options: &Options, config: &NodeConfig, pilot: &Pilot) -> Result<Fig
             let flown = pilot.fly_together(&configs, &mut |step| {
                 black_box(step.x);
             });
-            // What had to be flown alone was not flown at all, and counts for nothing.
+            // A flight that has to be repeated alone was not flown here, and does not count.
             steps += flown.iter().flatten().map(|counts| counts.steps).sum::<u64>();
         }
         rates.push(steps as f64 / (thread_time() - began).as_secs_f64());
@@ -105,7 +105,7 @@ fn together(options: &Options, config: &NodeConfig, pilot: &Pilot) -> Result<Fig
     Ok(Figure::highest(name, "steps/s", rates, Some(15e6)))
 }
 
-/// Three processes over shared memory, beside the bare ring.
+/// Measures three processes over shared memory, compared with the bare ring.
 pub(super) fn lockstep(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let (mut steps, mut laps, mut bus_laps) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..options.repeat {
@@ -117,7 +117,8 @@ pub(super) fn lockstep(options: &Options) -> Result<Vec<Figure>, BenchError> {
         bus_laps.push(ring(options, Transport::Iceoryx2, false)? * 1e6);
     }
     let rates = steps.iter().map(|s| 1e6 / s).collect();
-    // Each step beside the lap that ran just before it, because a machine's pace changes within minutes.
+    // Each measurement is compared with the ring just before it, because a machine's speed changes within
+    // minutes.
     let ratios = steps.iter().zip(&laps).map(|(step, lap)| step / lap).collect();
     Ok(vec![
         Figure::highest("lockstep over iceoryx2, three processes", "steps/s", rates, Some(100e3)),
@@ -128,7 +129,7 @@ pub(super) fn lockstep(options: &Options) -> Result<Vec<Figure>, BenchError> {
     ])
 }
 
-/// With the recorder writing every message.
+/// Measures with the recorder writing every message.
 pub(super) fn recorded(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let (mut rates, mut lost) = (Vec::new(), 0);
     for _ in 0..options.repeat {
@@ -144,11 +145,11 @@ pub(super) fn recorded(options: &Options) -> Result<Vec<Figure>, BenchError> {
             ..RecorderConfig::default()
         });
         let flown = fly(options, &config, &[]);
-        // The log is only a means here; leaving it behind is all that can go wrong.
+        // The log is not needed any more; a failed removal only leaves it behind.
         let _ = std::fs::remove_dir_all(&folder);
         let (plant, recorder) = flown?;
         rates.push(plant.count as f64 / plant.seconds);
-        // Truth, Imu, Estimate, Command and Setpoint of every step; what is missing counts as lost as well.
+        // Truth, Imu, Estimate, Command and Setpoint of every step; missing ones count as lost as well.
         lost += recorder.lost.max((5 * plant.count).saturating_sub(recorder.count));
     }
     Ok(vec![
@@ -157,7 +158,7 @@ pub(super) fn recorded(options: &Options) -> Result<Vec<Figure>, BenchError> {
     ])
 }
 
-/// Three processes over Zenoh, TCP on loopback.
+/// Measures three processes over Zenoh, TCP on loopback.
 pub(super) fn zenoh(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let (mut steps, mut laps) = (Vec::new(), Vec::new());
     for _ in 0..options.repeat {
@@ -172,14 +173,14 @@ pub(super) fn zenoh(options: &Options) -> Result<Vec<Figure>, BenchError> {
     ])
 }
 
-/// Time of a lap, s; on the mean of all, while nobody sleeps.
+/// Mean time of a lap, s, while no process sleeps.
 pub(super) fn ring(options: &Options, transport: Transport, bare: bool) -> Result<f64, BenchError> {
     let bench = config("ring", transport, Mode::Lockstep, 1)?.bench;
     let zenoh = transport == Transport::Zenoh;
     let endpoints = if zenoh { free_endpoints()? } else { Vec::new() };
     let per_second = if zenoh { ZENOH_LAPS_PER_SECOND } else { LAPS_PER_SECOND };
     let laps = (options.seconds * per_second) as u64 + 100;
-    // Position 0 last: it knocks until the others are there.
+    // Position 0 starts last: it sends until the others are running.
     let members = (0..POSITIONS).rev().map(|position| {
         let mut bus = BusConfig::new(&bench, format!("ring-{position}"), transport);
         bus.wait = WaitStrategy::lockstep();
@@ -203,7 +204,7 @@ fn name(position: usize) -> String {
     format!("ring position {position}")
 }
 
-/// Runs a bench for the time that was asked for; the words of plant and recorder.
+/// Runs a bench for the requested time; returns the reports of plant and recorder.
 fn fly(
     options: &Options,
     config: &NodeConfig,
@@ -239,7 +240,7 @@ fn fly(
     Ok((plant, recorder))
 }
 
-/// Puts the nodes of the loop where the positions of the ring are.
+/// Assigns the nodes of the loop to the CPUs of the ring's positions.
 fn place(options: &Options, config: &mut NodeConfig) {
     let loop_order = [Role::Plant, Role::Estimator, Role::Controller];
     config.realtime = loop_order
@@ -249,7 +250,7 @@ fn place(options: &Options, config: &mut NodeConfig) {
         .collect();
 }
 
-/// One loopback endpoint for each position, free at this moment.
+/// One free loopback endpoint per position.
 fn free_endpoints() -> Result<Vec<String>, BenchError> {
     let free = || Ok(format!("tcp/{}", TcpListener::bind("127.0.0.1:0")?.local_addr()?));
     (0..POSITIONS)
@@ -258,7 +259,7 @@ fn free_endpoints() -> Result<Vec<String>, BenchError> {
         .map_err(|source| BenchError::Process { what: "cannot find a free port".into(), source })
 }
 
-/// Members that ended in order leave nothing; one that was killed might.
+/// Members that ended normally leave no files; a killed one might.
 fn sweep(bench: &str) {
     if let Err(e) = remove_residue(bench) {
         tracing::warn!("{e}");

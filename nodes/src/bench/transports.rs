@@ -1,4 +1,4 @@
-//! What a transport costs: the same flight over each, in real time, by the figures of its run.
+//! Cost of a transport: the same flight over each transport in real time, compared by the figures of the run.
 
 use std::process::{Child, Command, Stdio};
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::two_hosts::TwoHosts;
 use super::{BenchError, Figure, Options};
 
-/// The launch file: steps of roll and pitch, then a gust.
+/// Launch file of the flight: steps of roll and pitch, then a gust.
 const LAUNCH: &str = "quadrotor-lqr";
 
 /// Rates of the loop, Hz.
@@ -17,11 +17,11 @@ const RATES: [u32; 3] = [200, 1000, 4000];
 const TRANSPORTS: [(&str, &str); 3] =
     [("inproc", "in one process"), ("iceoryx2", "iceoryx2"), ("zenoh", "Zenoh, TCP on loopback")];
 
-/// Outputs whose course is told.
+/// Outputs whose figures are reported.
 const OUTPUTS: [&str; 2] = ["roll", "pitch"];
 
-/// Flies it over every transport at every rate, beside lockstep, in which no command is late; and, where this machine lets two
-/// be made, with the controller on another host.
+/// Flies over every transport at every rate, and in lockstep, in which no command is late; and, where two
+/// network namespaces can be created, with the controller on another host.
 pub(super) fn transports(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let mut figures = Vec::new();
     let hosts = TwoHosts::new();
@@ -48,7 +48,7 @@ pub(super) fn transports(options: &Options) -> Result<Vec<Figure>, BenchError> {
     Ok(figures)
 }
 
-/// The figures of runs that are the same but for the clock.
+/// Figures of runs that differ only in the clock.
 fn told(name: &str, runs: &[Value]) -> Result<Vec<Figure>, BenchError> {
     let of = |path: &str| -> Result<Vec<f64>, BenchError> {
         let values = runs.iter().map(|run| run.pointer(path)?.as_f64()).collect::<Option<Vec<f64>>>();
@@ -56,7 +56,7 @@ fn told(name: &str, runs: &[Value]) -> Result<Vec<Figure>, BenchError> {
     };
     let missed = format!("{name}: missed deadlines in {} steps", of("/timing/nodes/plant/steps")?[0]);
     let mut figures = vec![Figure::lowest(missed, "", of("/timing/deadline_misses")?, None)];
-    // In lockstep nobody asks how late a command is.
+    // In lockstep commands have no deadline.
     if runs.iter().all(|run| run["mode"] == "realtime") {
         for (quantile, key) in [("p50", "p50_us"), ("p99", "p99_us"), ("max", "max_us")] {
             let all = of(&format!("/timing/nodes/plant/latency/{key}"))?;
@@ -67,7 +67,7 @@ fn told(name: &str, runs: &[Value]) -> Result<Vec<Figure>, BenchError> {
         for (key, name, unit) in
             [("iae", "integral of the error", "deg s"), ("peak", "peak after the gust", "deg")]
         {
-            // A run whose log has gaps, which a network may leave, has not every figure.
+            // A run whose log has gaps, as a network may cause, lacks some figures.
             let path = format!("/outputs/{output}/{key}");
             let value = |run: &Value| run.pointer(&path).and_then(Value::as_f64).map(f64::to_degrees);
             let all: Vec<f64> = runs.iter().filter_map(value).collect();
@@ -85,16 +85,16 @@ struct Run<'a> {
     transport: &'a str,
     mode: &'a str,
     rate: u32,
-    /// The controller is on the second one, everything else on the first.
+    /// Hosts for the controller (second) and everything else (first), if two are used.
     hosts: Option<&'a TwoHosts>,
 }
 
-/// A process that ends with this.
+/// A process that is killed when this is dropped.
 struct Other(Child);
 
 impl Drop for Other {
     fn drop(&mut self) {
-        // It may have ended by itself by now; either way it is gone afterwards.
+        // It may have ended by itself already; it is gone afterwards in any case.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
@@ -109,7 +109,7 @@ impl Run<'_> {
         BenchError::Member { who: self.name(), why: why.into() }
     }
 
-    /// What it comes to, as its JSON tells it.
+    /// Result of the run, as JSON.
     fn flown(&self) -> Result<Value, BenchError> {
         let Self { options, transport, mode, rate, hosts } = self;
         let (program, arguments) =
@@ -137,7 +137,7 @@ impl Run<'_> {
         }
         let answer = call.stdin(Stdio::null()).stderr(Stdio::piped()).output();
         drop(controller);
-        // The log is only a means here.
+        // The log is not needed any more.
         let _ = std::fs::remove_dir_all(&out);
         let answer = answer.map_err(cannot)?;
         let run = serde_json::from_slice(&answer.stdout).ok().and_then(|mut told: Value| {

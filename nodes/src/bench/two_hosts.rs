@@ -1,20 +1,20 @@
-//! Two hosts on one machine: network namespaces joined by a virtual cable. Needs iproute2 and root.
+//! Two hosts emulated on one machine by network namespaces with a virtual cable. Requires iproute2 and root.
 
 use std::process::Command;
 
-/// Two joined namespaces with an address each; removed when it goes.
+/// Two connected network namespaces with an address each, removed on drop.
 pub(super) struct TwoHosts {
     names: [String; 2],
 }
 
-/// Addresses of the hosts, from the block for documentation, which no network uses.
+/// Addresses of the hosts, from the block reserved for documentation.
 const ADDRESSES: [&str; 2] = ["192.0.2.1", "192.0.2.2"];
 
 impl TwoHosts {
-    /// Makes them.
+    /// Creates the two namespaces.
     ///
     /// # Errors
-    /// What the system says where it refuses.
+    /// The error of the operating system.
     pub fn new() -> Result<Self, String> {
         let id = std::process::id();
         let hosts = Self { names: ["a", "b"].map(|end| format!("whirlbench{id}{end}")) };
@@ -39,7 +39,7 @@ impl TwoHosts {
         command
     }
 
-    /// Where one of them is reached over TCP.
+    /// Endpoint of a host over TCP.
     pub fn endpoint(host: usize) -> String {
         format!("tcp/{}:7447", ADDRESSES[host])
     }
@@ -48,7 +48,7 @@ impl TwoHosts {
 impl Drop for TwoHosts {
     fn drop(&mut self) {
         for name in &self.names {
-            // What was never made cannot be removed.
+            // Namespaces that were not created cannot be removed.
             let _ = Command::new("ip").args(["netns", "del", name]).output();
         }
     }

@@ -1,4 +1,4 @@
-//! When the machine itself stood still: threads that do nothing but wake.
+//! Witness threads that detect standstills of the machine: they only wake periodically.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,16 +8,17 @@ use crate::NodeError;
 use crate::config::RealtimeOptions;
 use crate::os::{MonotonicTime, apply_realtime, available_cpus, sleep_until, wake_when_due};
 
-/// From wake to wake, ns; a standstill may have begun by as much before it is seen.
+/// Wake-up period, ns; a standstill may have begun by this much before it is detected.
 pub(super) const PERIOD_NS: u64 = 100_000;
 
-/// A wake that is so late is a standstill, ns: several times what the loop's own nodes keep a CPU for.
+/// Lateness of a wake-up that counts as a standstill, ns: several times the time for which the loop's own
+/// nodes occupy a CPU.
 const LATE_NS: u64 = 100_000;
 
-/// Standstills that a thread holds; noting them allocates nothing.
+/// Largest number of standstills stored per thread; recording them allocates nothing.
 const MOST: usize = 1 << 16;
 
-/// From when until when a CPU did not run what was due, `CLOCK_MONOTONIC`, ns.
+/// Start and end of a period in which a CPU did not run a due thread, `CLOCK_MONOTONIC`, ns.
 pub(super) type Standstill = (u64, u64);
 
 /// One witness on each CPU that this process may use, all at one priority.
@@ -27,7 +28,7 @@ pub(super) struct Witnesses {
 }
 
 impl Witnesses {
-    /// Starts them; `None` is an ordinary priority.
+    /// Starts the witnesses; `None` means ordinary scheduling.
     pub fn start(priority: Option<u8>) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let witness = |cpu| {
@@ -43,7 +44,7 @@ impl Witnesses {
         Self { stop, threads }
     }
 
-    /// Ends them, and tells when each CPU stood still.
+    /// Stops the witnesses, and returns the standstills of each CPU.
     ///
     /// # Errors
     /// When a witness was refused its priority or CPU.
@@ -71,8 +72,8 @@ fn watch(stop: &AtomicBool) -> Vec<Standstill> {
     seen
 }
 
-/// For how long CPUs stood still between two times, ns, each for itself: what runs one after the other on several of them can
-/// be met by all.
+/// Total duration of the CPUs' standstills between two times, ns, summed over CPUs: a sequence of steps on
+/// several CPUs can be affected by all.
 pub(super) fn stood_still(standstills: &[Standstill], (from, until): (u64, u64)) -> u64 {
     let within = |&(a, b): &Standstill| b.min(until).saturating_sub(a.max(from));
     standstills.iter().map(within).sum()

@@ -1,5 +1,5 @@
-//! Bridges: real hardware in a node's place. The codecs and state machines are those of `whirlstand-bridge`; here
-//! they meet links and the bus.
+//! Bridges: real hardware that replaces a node. The codecs and state machines are those of
+//! `whirlstand-bridge`; this module connects them to links and to the bus.
 
 pub mod check;
 pub mod hil;

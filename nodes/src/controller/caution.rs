@@ -1,4 +1,4 @@
-//! What the controller does about a finding of the mirror.
+//! Reaction of the controller to findings of the mirror.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Finding, FindingStage};
@@ -8,11 +8,11 @@ use crate::error::NodeError;
 use crate::notices::{Notice, say};
 use crate::ports::receive;
 
-/// Queue for findings.
+/// Queue length for findings.
 const DEPTH: usize = 64;
 
-/// Whether commands are withheld: from the first word that prediction has become wrong until it is right again. A controller
-/// that has no usable command is known to plant, estimator and bridges, which go to their failsafe.
+/// Withholds commands from the first finding that the prediction fails until it is correct again. Plant,
+/// estimator and bridges recognise a controller without a usable command, and go to their failsafe.
 pub(super) struct Caution {
     findings: Option<Subscriber<Finding>>,
     is_wrong: bool,
@@ -28,7 +28,7 @@ impl Caution {
         self.is_wrong = false;
     }
 
-    /// Whether the command of a step is to be withheld.
+    /// True when the command of a step must be withheld.
     pub(super) fn withholds(&mut self, step: u64, refused: &mut u64) -> Result<bool, NodeError> {
         let Some(findings) = &mut self.findings else { return Ok(false) };
         let before = self.is_wrong;

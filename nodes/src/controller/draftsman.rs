@@ -1,4 +1,4 @@
-//! Who designs the next law, in a thread beside the loop, and takes those that flew.
+//! Designs the next law in a thread beside the loop, and frees laws that are no longer in use.
 
 use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
@@ -12,26 +12,26 @@ use crate::setup::Setup;
 use crate::succession::{believing, extended};
 use crate::worker::Worker;
 
-/// Orders and drafts that may wait.
+/// Largest number of waiting orders and designs.
 const DEPTH: usize = 8;
 
 #[expect(clippy::large_enum_variant, reason = "a box would be allocated in a step of the loop")]
 enum Order {
-    /// The law for a finding; the number comes back with it.
+    /// Order to design the law for a finding; the number is returned with the law.
     Draft(u64, Finding),
-    /// A law that flies no more: to be freed here, beside the loop.
+    /// Order to free a law that is no longer in use, outside the loop.
     Retire(Law),
 }
 
-/// What becomes of an order.
+/// Result of a design order.
 pub(super) enum Draft {
     Ready(Law),
     Coming,
-    /// No law can be designed; it has been told why.
+    /// No law can be designed; the reason was reported.
     None,
 }
 
-/// A thread that designs.
+/// Design thread.
 pub(super) struct Draftsman {
     orders: Worker<Order>,
     drafts: Receiver<(u64, Option<Law>)>,
@@ -39,7 +39,7 @@ pub(super) struct Draftsman {
 }
 
 impl Draftsman {
-    /// Begins to work. Before the node takes its priority, which the thread must not have.
+    /// Starts the thread, before the node takes its priority, which the thread must not have.
     pub(super) fn new(config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let (done, drafts) = sync_channel(DEPTH);
         let (config, setup) = (config.clone(), setup.clone());
@@ -61,7 +61,7 @@ impl Draftsman {
         Ok(Self { orders, drafts, number: 0 })
     }
 
-    /// Asks for the law for a finding, in the place of what was asked for before.
+    /// Orders the law for a finding, replacing the previous order.
     pub(super) fn order(&mut self, finding: &Finding) {
         self.number += 1;
         if self.orders.hand(Order::Draft(self.number, *finding)).is_err() {
@@ -69,7 +69,7 @@ impl Draftsman {
         }
     }
 
-    /// What was asked for last. `wait`: until it is there.
+    /// The result of the last order; with `wait`, waits for it.
     pub(super) fn draft(&mut self, wait: bool) -> Draft {
         loop {
             let next = if wait {
@@ -90,7 +90,7 @@ impl Draftsman {
 
     /// Frees a law.
     pub(super) fn retire(&self, law: Law) {
-        // With more orders than fit it is freed here, which is late and not wrong.
+        // When the queue is full the law is freed here, which only takes time.
         drop(self.orders.hand(Order::Retire(law)));
     }
 }

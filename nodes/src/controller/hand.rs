@@ -1,4 +1,4 @@
-//! The stick in the hand of somebody outside: it flies in the place of the law, for as long as it is heard.
+//! Manual control from outside: inputs that replace the law's for as long as they are received.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, MAX_INPUTS, Message, Stick};
@@ -10,22 +10,22 @@ use crate::notices::{Notice, say};
 use crate::ports::receive;
 use crate::succession::steps;
 
-/// Queue for what the hand says.
+/// Queue length for stick messages.
 const DEPTH: usize = 64;
 
-/// Bench time after which a hand that says nothing has let go, s: as for the pilot of a bridge.
+/// Bench time without a message after which manual control ends, s: as for the pilot of a bridge.
 const PATIENCE_S: f64 = 0.5;
 
-/// Whose hand it is.
+/// Sender that has taken over.
 struct Held {
-    /// Number of the request with which it was taken over.
+    /// Number of the request that took over.
     id: u64,
     u: [f64; MAX_INPUTS],
-    /// Step at which it was heard last.
+    /// Step of the last message.
     heard: u64,
 }
 
-/// A stick that can be taken over.
+/// Manual control that can be taken over and given back.
 pub(super) struct Hand {
     said: Subscriber<Stick>,
     held: Option<Held>,
@@ -39,8 +39,8 @@ impl Hand {
         Ok(Self { said: bus.subscriber(DEPTH)?, held: None, limits, patience })
     }
 
-    /// Takes it over (1) or gives it back (0), which anybody may. Until the hand says something it holds what was commanded
-    /// last.
+    /// Takes over (1) or gives back (0); anybody may give back. Until the first message the last command is
+    /// held.
     pub(super) fn adjust(
         &mut self,
         request: &Adjustment,
@@ -61,10 +61,10 @@ impl Hand {
         }
     }
 
-    /// Takes in what the hand says. What it wants beyond a limit is left out as a whole and counted as refused. After a silence
-    /// that is too long it has let go, and that is returned to be told.
+    /// Receives stick messages. A message beyond a limit is ignored as a whole and counted as refused. After
+    /// too long a silence manual control ends, and the change is returned to be published.
     pub(super) fn take(&mut self, step: u64, refused: &mut u64) -> Result<Option<Adjustment>, NodeError> {
-        // No more than waits: whoever sends without a pause does not keep the step from being taken.
+        // At most the queue's length: a sender without a pause must not delay the step.
         for _ in 0..DEPTH {
             let Some(said) = receive(&mut self.said, refused)? else { break };
             let Some(held) = self.held.as_mut().filter(|held| held.id == said.id) else { continue };
@@ -82,12 +82,12 @@ impl Hand {
         Ok(Some(Adjustment { id: held.id, what, verdict, ..Adjustment::zeroed() }))
     }
 
-    /// What it gives, while it is held.
+    /// Manual inputs, while in control.
     pub(super) fn u(&self) -> Option<&[f64; MAX_INPUTS]> {
         self.held.as_ref().map(|held| &held.u)
     }
 
-    /// The plant began a new run, which the law flies.
+    /// Ends manual control at the beginning of a new run.
     pub(super) fn forget(&mut self) {
         self.held = None;
     }

@@ -1,7 +1,8 @@
-//! The law that flies, and what takes its place in flight.
+//! The law in charge, and its replacement in flight.
 //!
-//! A law that comes flies along for a quarter of a second and at least as long as its memory, then takes over without a bump
-//! ([`Controller::fly_along`](whirlstand_control::Controller::fly_along)). The first law is kept: it comes back in the same way.
+//! A new law runs in parallel for a quarter of a second and at least as long as its memory, then takes over
+//! without a bump ([`Controller::fly_along`](whirlstand_control::Controller::fly_along)). The first law is
+//! kept, and returns in the same way.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Finding, FindingStage, MAX_INPUTS, Setpoint, flags};
@@ -15,42 +16,42 @@ use crate::ports::receive;
 use crate::setup::Setup;
 use crate::succession::{ready_at, steps};
 
-/// Queue for findings.
+/// Queue length for findings.
 const DEPTH: usize = 64;
 
-/// How long a law flies along at least, s: several time constants of what an actuator is late by.
+/// Shortest time for which a law runs in parallel, s: several time constants of an actuator.
 const ALONG_S: f64 = 0.25;
 
-/// A law that is to fly.
+/// A law that will take over.
 struct Coming {
     law: Law,
     is_first: bool,
-    /// First step that it flies along, and first that it flies.
+    /// First step in parallel, and first step in charge.
     along: u64,
     from: u64,
 }
 
-/// Who may follow, and who says so.
+/// State of the replacement of laws.
 struct Heirs {
     findings: Subscriber<Finding>,
     draftsman: Draftsman,
-    /// A law is being designed, and from which step on it is waited for in lockstep.
+    /// Number of the law being designed, and the step from which it is waited for in lockstep.
     ordered: Option<u64>,
     coming: Option<Coming>,
-    /// While another flies.
+    /// The first law, while another is in charge.
     first: Option<Law>,
     waits: bool,
     along: u64,
 }
 
-/// The law in charge.
+/// The law in charge, with its possible replacement.
 pub(super) struct InCharge {
     law: Law,
     heirs: Option<Heirs>,
 }
 
 impl InCharge {
-    /// The first law, and a thread that designs others where the launch file asks for that.
+    /// The first law, and a design thread where the launch file allows other laws.
     pub(super) fn open(bus: &Bus, config: &NodeConfig, setup: &Setup) -> Result<Self, NodeError> {
         let wanted = config.mirror.is_some_and(|m| m.on_finding == OnFinding::Law);
         let heirs = || {
@@ -67,13 +68,13 @@ impl InCharge {
         Ok(Self { law: Law::new(config, setup)?, heirs: wanted.then(heirs).transpose()? })
     }
 
-    /// The law that flies.
+    /// The law in charge.
     pub(super) fn law(&mut self) -> &mut Law {
         &mut self.law
     }
 
-    /// Computes the inputs for the next period from the estimated states of a step, or takes those that are given `by_hand`;
-    /// returns the command's flags.
+    /// Computes the inputs for the next period from the estimated states of a step, or takes those that are
+    /// given `by_hand`; returns the command's flags.
     pub(super) fn step(
         &mut self,
         step: u64,
@@ -100,7 +101,7 @@ impl InCharge {
         Ok(if heirs.first.is_some() { flags | flags::SUCCEEDED } else { flags })
     }
 
-    /// The plant began a new run: the first law at rest.
+    /// Resets to the first law in its initial state, for a new run.
     pub(super) fn reset(&mut self) {
         if let Some(heirs) = &mut self.heirs {
             heirs.ordered = None;
@@ -114,7 +115,7 @@ impl InCharge {
 }
 
 impl Heirs {
-    /// What the mirror says.
+    /// Receives findings of the mirror.
     fn hear(&mut self, refused: &mut u64) -> Result<(), NodeError> {
         while let Some(finding) = receive(&mut self.findings, refused)? {
             let ready = ready_at(finding.head.step);
@@ -137,7 +138,7 @@ impl Heirs {
         Ok(())
     }
 
-    /// Takes the law that was designed, if it is there; in lockstep it is waited for.
+    /// Takes the designed law, if it is ready; in lockstep it is waited for.
     fn fetch(&mut self, step: u64) {
         let Some(ready) = self.ordered.filter(|ready| step >= *ready) else { return };
         match self.draftsman.draft(self.waits) {
@@ -163,7 +164,7 @@ impl Heirs {
         }
     }
 
-    /// What becomes of the law that flew before.
+    /// Keeps or frees the previous law.
     fn put_away(&mut self, law: Law, first_flies: bool) {
         if first_flies || self.first.is_some() {
             self.draftsman.retire(law);

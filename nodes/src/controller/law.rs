@@ -1,4 +1,4 @@
-//! The control law, wired to the vehicle.
+//! The control law with its connection to the vehicle.
 
 use std::ops::RangeInclusive;
 
@@ -11,7 +11,7 @@ use crate::config::{ControllerConfig, NodeConfig};
 use crate::error::NodeError;
 use crate::setup::Setup;
 
-/// Factors on the law's feedback that can be set in flight: 20 dB to each side, wider than any gain margin to be shown.
+/// Range of factors on the law's feedback in flight: 20 dB to each side, beyond any gain margin to be shown.
 const GAIN: RangeInclusive<f64> = 0.1..=10.0;
 
 #[derive(Clone)]
@@ -22,8 +22,8 @@ pub(crate) enum Law {
     Manual,
 }
 
-/// The controller that runs a design, with what it takes back of effects that are not linear; and those that were asked for and
-/// are unsafe to take back.
+/// The controller of a design with its compensation of nonlinear effects, and the requested compensations
+/// that are unsafe and declined.
 ///
 /// # Errors
 /// When an effect does not fit the vehicle.
@@ -40,7 +40,7 @@ pub fn controller_of(
     Ok((controller, declined))
 }
 
-/// What the vehicle has and this law does not know of, in its design or in what it takes back.
+/// Effects of the vehicle that neither this law's design nor its compensation contains.
 ///
 /// # Errors
 /// When an effect does not fit the vehicle.
@@ -112,7 +112,8 @@ impl Law {
         }
     }
 
-    /// As [`Self::step`], but for inputs that are given `by_hand`: the law follows these, so that it can go on from there.
+    /// Computes inputs as [`Self::step`], or takes inputs that are given `by_hand`: the law then follows
+    /// these, so that it can take over from there.
     pub(super) fn step_or_follow(
         &mut self,
         step: u64,
@@ -131,7 +132,7 @@ impl Law {
         flags::MANUAL
     }
 
-    /// Multiplies the law's feedback; refused beyond [`GAIN`], and by a law without feedback.
+    /// Sets the factor on the law's feedback; refused outside [`GAIN`], and by a law without feedback.
     pub(super) fn adjust_gain(&mut self, factor: f64) -> AdjustmentVerdict {
         match self {
             Self::Manual => AdjustmentVerdict::NotOfThisLaw,
@@ -144,7 +145,7 @@ impl Law {
         }
     }
 
-    /// Steps until a law that flies along has only true commands in its memory.
+    /// Number of steps after which a law that runs in parallel has only true commands in its memory.
     pub(super) fn memory_steps(&self) -> u64 {
         match self {
             Self::Manual => 0,
@@ -152,7 +153,8 @@ impl Law {
         }
     }
 
-    /// Flies along with the law in charge, which has just taken the step, so that it can take over in the next.
+    /// Runs in parallel with the law in charge, which has just taken the step, so that this law can take over
+    /// in the next.
     pub(super) fn fly_along(&mut self, flying: &Self, x: &[f64], setpoint: &Setpoint) {
         if let (Self::Designed { controller, states, .. }, Self::Designed { controller: other, .. }) =
             (self, flying)
@@ -162,7 +164,7 @@ impl Law {
         }
     }
 
-    /// Back to rest, for a new run.
+    /// Resets to the initial state, for a new run.
     pub(super) fn reset(&mut self) {
         if let Self::Designed { controller, .. } = self {
             controller.reset();

@@ -1,8 +1,9 @@
-//! The controller: estimated states in, commands out.
+//! The controller: computes commands from estimated states.
 //!
 //! On `Estimate` j it computes command j, which is in force over `[t_j+1, t_j+2)`; the law accounts for that
-//! period of latency with the command that it sent for j-1. It can join at any step. Steps that go back mean that
-//! the plant was restarted, and reset the law; a repeated step is answered with the same command again.
+//! period of latency with the command that it sent for j-1. It can join at any step. A step number that goes
+//! back means that the plant was restarted, and resets the law; a repeated step is answered with the same
+//! command again.
 
 mod caution;
 mod draftsman;
@@ -34,7 +35,7 @@ use outside::Outside;
 pub use outside::PILOT_TOPIC;
 pub(crate) use profile::Profile;
 
-/// Queue for estimates.
+/// Queue length for estimates.
 const DEPTH: usize = 64;
 
 /// The controller as a state machine.
@@ -65,7 +66,7 @@ impl Controller {
         let profile = Profile::new(config, &setup.vehicle)?;
         let law = InCharge::open(bus, config, setup)?;
         let listens_to = if config.peers.contains(&Role::Estimator) { vec![Role::Estimator] } else { vec![] };
-        // What the plant may do at its start is its own affair: here the bounds are those of a vehicle at rest.
+        // Initial states of the plant are not known here: the bounds are those of a vehicle at rest.
         let bounds = setup.vehicle.state_bounds(&vec![0.0; setup.vehicle.states.len()]);
         Ok(Self {
             estimates: bus.subscriber(DEPTH)?,

@@ -1,5 +1,5 @@
-//! What reaches the controller from outside the loop: a pilot's setpoints on `pilot`, single ones and the gain on `adjust`, and
-//! the stick on `stick`.
+//! Inputs of the controller from outside the loop: a pilot's setpoints on `pilot`, single setpoints and the
+//! gain on `adjust`, and manual control on `stick`.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{
@@ -17,7 +17,7 @@ use crate::ports::receive;
 /// Topic on which a pilot or planner outside the loop sets the reference.
 pub const PILOT_TOPIC: &str = "pilot";
 
-/// Queue for a pilot's setpoints.
+/// Queue length for a pilot's setpoints.
 const PILOT_DEPTH: usize = 64;
 
 pub(super) struct Outside {
@@ -25,12 +25,12 @@ pub(super) struct Outside {
     desk: AdjustmentDesk,
     hand: Option<Hand>,
     piloted: Option<Setpoint>,
-    /// References that were set one by one, and which.
+    /// References set by single requests, and which states have one.
     reference: [f64; MAX_STATES],
     set: u64,
-    /// What the controller tracks with these.
+    /// Reference that the controller tracks with these.
     combined: Setpoint,
-    /// Of the states, SI.
+    /// Bounds of the states, SI.
     bounds: Vec<f64>,
     refused: u64,
 }
@@ -57,7 +57,7 @@ impl Outside {
         })
     }
 
-    /// Takes in what has come, for the step of `head` and all later ones; `before` was commanded last.
+    /// Receives waiting messages, for the step of `head` and all later ones; `before` is the last command.
     pub(super) fn take(
         &mut self,
         head: Head,
@@ -65,7 +65,7 @@ impl Outside {
         before: &[f64; MAX_INPUTS],
     ) -> Result<(), NodeError> {
         let Some(pilot) = &mut self.pilot else { return Ok(()) };
-        // No more than waits: whoever sends without a pause does not keep the step from being taken.
+        // At most the queue's length: a sender without a pause must not delay the step.
         for _ in 0..PILOT_DEPTH {
             let Some(setpoint) = receive(pilot, &mut self.refused)? else { break };
             if setpoint.x.iter().chain(&setpoint.stick).all(|v| v.is_finite()) {
@@ -94,12 +94,12 @@ impl Outside {
         Ok(())
     }
 
-    /// What somebody's hand gives in the place of the law.
+    /// Manual inputs that replace the law's, if any.
     pub(super) fn hand(&self) -> Option<&[f64; MAX_INPUTS]> {
         self.hand.as_ref().and_then(Hand::u)
     }
 
-    /// What the controller tracks, from what the launch file says.
+    /// Reference that the controller tracks, based on that of the launch file.
     pub(super) fn setpoint<'a>(&'a mut self, planned: &'a Setpoint) -> &'a Setpoint {
         let by_hand = self.hand().copied();
         if self.piloted.is_none() && self.set == 0 && by_hand.is_none() {
@@ -119,7 +119,7 @@ impl Outside {
         &self.combined
     }
 
-    /// The plant began a new run, in which nothing has been asked for yet. A pilot's stick is where it is.
+    /// Resets for a new run, in which nothing has been requested yet. A pilot's stick keeps its position.
     pub(super) fn forget(&mut self) {
         self.set = 0;
         if let Some(hand) = &mut self.hand {
@@ -127,12 +127,12 @@ impl Outside {
         }
     }
 
-    /// See [`AdjustmentDesk::attend`].
+    /// Work between steps, see [`AdjustmentDesk::attend`].
     pub(super) fn attend(&mut self, head: Head) -> Result<(), NodeError> {
         self.desk.attend(head)
     }
 
-    /// Messages from outside that could not be used.
+    /// Number of unusable messages from outside.
     pub(super) fn refused(&self) -> u64 {
         self.refused + self.desk.malformed()
     }

@@ -1,4 +1,4 @@
-//! The reference and the stick over time.
+//! Reference and stick over time.
 
 use whirlstand_msgs::{Head, Message, Setpoint};
 use whirlstand_vehicle::Vehicle;
@@ -15,7 +15,7 @@ struct Change {
     value: f64,
 }
 
-/// Steps of a set of signals, read forwards.
+/// Time-ordered changes of a set of signals, read forwards.
 #[derive(Debug, Clone)]
 struct Track {
     changes: Vec<Change>,
@@ -38,7 +38,7 @@ impl Track {
         Ok(Self { changes: list, next: 0 })
     }
 
-    /// Makes the changes up to `step`.
+    /// Applies the changes up to `step`.
     fn advance(&mut self, step: u64, values: &mut [f64]) {
         while let Some(change) = self.changes.get(self.next).filter(|c| c.step <= step) {
             values[change.index] = change.value;
@@ -47,7 +47,7 @@ impl Track {
     }
 }
 
-/// What the run asks of the controller, step by step.
+/// Reference and stick of the run, step by step.
 #[derive(Debug, Clone)]
 pub(crate) struct Profile {
     reference: Track,
@@ -65,7 +65,8 @@ impl Profile {
         Ok(Self { reference, stick, setpoint: Setpoint { tracked, ..Setpoint::zeroed() } })
     }
 
-    /// Reference, stick and which states the profile ever sets, at a step that is not before the last one asked for.
+    /// Reference, stick and the states that the profile ever sets, at a step not before the last one
+    /// requested.
     pub(crate) fn at(&mut self, head: Head) -> &Setpoint {
         self.setpoint.head = head;
         self.reference.advance(head.step, &mut self.setpoint.x);
@@ -73,7 +74,7 @@ impl Profile {
         &self.setpoint
     }
 
-    /// Begins again at step 0.
+    /// Restarts at step 0.
     pub(super) fn rewind(&mut self) {
         (self.reference.next, self.stick.next) = (0, 0);
         self.setpoint = Setpoint { tracked: self.setpoint.tracked, ..Setpoint::zeroed() };

@@ -1,4 +1,4 @@
-//! The Kalman filter, wired to the vehicle's sensors.
+//! The Kalman filter with its connection to the vehicle's sensors.
 
 use whirlstand_control::{
     Estimator, EstimatorError, EstimatorKind, EstimatorOptions, SampledPlant, Sensors, VibrationModel,
@@ -11,19 +11,19 @@ use crate::error::NodeError;
 use crate::setup::Setup;
 use crate::signals::{Measurement, OutputMap};
 
-/// Noise that the filter assumes of a sensor that declares none, in SI units: small against every sensor that
-/// flies, and large enough for the arithmetic.
+/// Noise that the filter assumes for a sensor without declared noise, in SI units: small compared with every
+/// flight sensor, and large enough for the arithmetic.
 const LEAST_NOISE: f64 = 1e-6;
 
-/// Smallest tone in parts of its sensor's noise.
+/// Smallest amplitude of a modelled tone relative to its sensor's noise.
 const LEAST_TONE: f64 = 0.3;
 
-/// Sampled frequencies closer than this, in turns per sample, cannot be told from each other, and tones whose frequencies differ by
-/// no more than this share are one.
+/// Smallest difference of sampled frequencies, in cycles per sample, that can be distinguished; tones whose
+/// frequencies differ by no more than this share are one.
 const LEAST_TURNS: f64 = 0.004;
 const SAME_TONE: f64 = 0.01;
 
-/// Outputs whose bias travels in `Estimate`, in its order.
+/// Outputs whose bias is in `Estimate`, in its order.
 const BIASES: [&str; 4] = ["roll", "pitch", "roll_rate", "pitch_rate"];
 
 pub(crate) struct Filter {
@@ -33,7 +33,7 @@ pub(crate) struct Filter {
     outputs: usize,
     states: usize,
     inputs: usize,
-    /// Output behind each of [`BIASES`].
+    /// Output index of each of [`BIASES`].
     biases: [Option<usize>; BIASES.len()],
     feedthrough: bool,
 }
@@ -60,17 +60,17 @@ impl Filter {
         })
     }
 
-    /// The filter alone, before its first step.
+    /// The estimator alone, before its first step.
     pub(crate) fn into_estimator(self) -> Estimator {
         self.new
     }
 
-    /// Whether a measurement shows the input of the same moment.
+    /// True when a measurement contains the input of the same time.
     pub(super) fn has_feedthrough(&self) -> bool {
         self.feedthrough
     }
 
-    /// Begins anew.
+    /// Restarts the filter.
     pub(super) fn restart(&mut self) {
         self.estimator = self.new.clone();
     }
@@ -82,7 +82,7 @@ impl Filter {
         self.estimator.step(&y[..self.outputs], 0, u, u);
     }
 
-    /// A step with a measurement; false when a value in it could not be used.
+    /// A step with a measurement; false when a value in it was unusable.
     pub(super) fn step(
         &mut self,
         measurement: &Measurement,
@@ -99,7 +99,7 @@ impl Filter {
         clean
     }
 
-    /// What the filter believes now.
+    /// Current estimate of the filter.
     pub(super) fn estimate(&self, head: Head) -> Estimate {
         let e = &self.estimator;
         let mut estimate = Estimate {
@@ -119,7 +119,7 @@ impl Filter {
     }
 }
 
-/// The filter that the estimator runs for a vehicle whose engine does as said.
+/// The filter of the estimator for a vehicle in the given state of the engine.
 ///
 /// # Errors
 /// [`EstimatorError`].
@@ -140,7 +140,7 @@ pub fn filter_of(
                 std[i] = (std[i].powi(2) - 0.5 * tone.1.powi(2)).max(0.0).sqrt();
             }
         }
-        // What a record showed as a tone of its own is not declared twice.
+        // A tone identified from a record is not declared twice.
         let found: Vec<(usize, f64)> = linear.tones[..first].to_vec();
         let same = |a: &(usize, f64), b: &(usize, f64)| a.0 == b.0 && (a.1 - b.1).abs() < SAME_TONE * a.1;
         let mut at = 0;
@@ -158,8 +158,9 @@ pub fn filter_of(
     Estimator::of(plant, &sensors, Some(&linear), options)
 }
 
-/// The tones of a sensor that are worth their states and that a filter can tell from everything else: not far below its noise, and, as they are sampled, neither
-/// at rest nor at half the rate nor upon each other. Frequency in Hz and amplitude.
+/// Tones of a sensor that are worth their states and distinguishable by the filter: not far below the
+/// sensor's noise, and, as sampled, neither at zero nor at half the rate nor aliased onto each other.
+/// Frequency in Hz and amplitude.
 fn tones(output: &Output, engine: Engine, period_s: f64) -> Vec<(f64, f64)> {
     let noise = (output.noise.powi(2) + output.quantization.powi(2) / 12.0).sqrt();
     let every_s = period_s * f64::from(output.every.max(1));
@@ -190,8 +191,8 @@ mod tests {
 
     const PERIOD_S: f64 = 0.005;
 
-    /// Root mean squares of the errors of both rates of the quadrotor in flight, its inputs moving and the air as rough as the
-    /// filter takes it for. The rotors shake so many times as much as in the file; rad/s.
+    /// Root mean square errors of both rates of the quadrotor in flight, with moving inputs and turbulence as
+    /// the filter assumes. The rotors' vibration is `times` that of the file; rad/s.
     fn errors(vibration: VibrationModel, times: f64) -> [f64; 2] {
         let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
         for declared in vehicle.outputs.iter_mut().filter_map(|o| o.vibration.as_mut()) {
@@ -200,7 +201,8 @@ mod tests {
         let plant = Setup::plant_of(&vehicle, PERIOD_S).unwrap();
         let options = EstimatorOptions { vibration, ..EstimatorOptions::default() };
         let mut estimator = filter_of(&vehicle, &plant, &options, Engine::Flying).unwrap();
-        // What no filter knows of. Without it the one that distrusts its gyros does best: its model is then perfect.
+        // An unmodelled effect. Without it a filter that distrusts its gyros does best, as its model is then
+        // perfect.
         let mut flown = vehicle.clone();
         for (place, std) in [("roll_rate", 0.1), ("pitch_rate", 0.27)] {
             let air = Effect::new(Kind::Turbulence, place, &[("std", std), ("bandwidth_hz", 5.0)]).unwrap();
@@ -247,10 +249,11 @@ mod tests {
             tones(rate, Engine::Flying, period_s).into_iter().map(|t| t.0).collect()
         };
         assert_eq!(frequencies(PERIOD_S), [33.0, 66.0]);
-        // Sampled at 66 Hz the first looks like half the rate and the second like rest; at 99 Hz both look alike.
+        // Sampled at 66 Hz the first aliases to half the rate and the second to zero; at 99 Hz both alias to
+        // the same frequency.
         assert_eq!(frequencies(1.0 / 66.0), [0.0; 0]);
         assert_eq!(frequencies(1.0 / 99.0), [33.0]);
-        // Nor one that is far below the noise, or not there at all.
+        // Nor a tone that is far below the noise, or absent.
         assert!(tones(rate, Engine::Off, PERIOD_S).is_empty());
         let mut noisy = rate.clone();
         noisy.noise *= 5.0;

@@ -1,8 +1,8 @@
-//! Commands of the last steps, as the estimator heard them.
+//! Commands of the last steps, as received by the estimator.
 
 use whirlstand_msgs::{Command, Message};
 
-/// Steps kept; more than any answer can be late without being a miss.
+/// Number of steps kept; more than any answer can be late without being a miss.
 const LENGTH: usize = 64;
 
 pub(super) struct History {
@@ -16,13 +16,13 @@ impl History {
     }
 
     pub(super) fn put(&mut self, command: &Command) {
-        // What the plant would refuse has no effect on the vehicle either.
+        // Commands that the plant would refuse have no effect on the vehicle either.
         let n = self.inputs;
         if command.count as usize != n || command.u[..n].iter().any(|v| !v.is_finite()) {
             return;
         }
         let slot = &mut self.commands[command.head().step as usize % LENGTH];
-        // The plant takes the first command of a step, and so does its follower.
+        // Plant and estimator both use the first command of a step.
         if slot.is_none_or(|c| c.head.step != command.head.step) {
             *slot = Some(*command);
         }
@@ -37,5 +37,5 @@ impl History {
     }
 }
 
-/// Steps without a measurement after which a filter starts anew instead of predicting through the gap.
+/// Number of steps without a measurement after which a filter restarts instead of predicting through the gap.
 pub(super) const LONGEST_GAP: u64 = LENGTH as u64 / 2;

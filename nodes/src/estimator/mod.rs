@@ -1,13 +1,14 @@
-//! The estimator: measurements in, estimated states out.
+//! The estimator: estimates states from measurements.
 //!
-//! For `Imu` j the filter predicts with the inputs that were in force over `[t_j-1, t_j)`, which is command j-2
-//! under the same rule that the plant obeys ([`Gate`]), and then takes the fresh measurements in. A measurement
-//! whose companions are still on their way over another link (the command, or `Odometry` and `Outputs` of the same step)
-//! waits for them: in realtime for a bounded time, in lockstep until they come, or until the plant has said with a
-//! measurement that it missed the command as well.
+//! For `Imu` j the filter predicts with the inputs that were in force over `[t_j-1, t_j)`, which is command
+//! j-2 under the plant's own rule ([`Gate`]), and then uses the fresh measurements. A measurement waits for
+//! companion messages that are still on their way over another link (the command, or `Odometry` and `Outputs`
+//! of the same step): in realtime for a bounded time, in lockstep until they arrive, or until the plant has
+//! reported with a measurement that it missed the command as well.
 //!
-//! It can join at any step: the first measurement that it hears starts the filter. Steps that go back mean that
-//! the plant was restarted, and start it anew; a repeated step is answered with the same estimate again.
+//! It can join at any step: the first received measurement starts the filter. A step number that goes back
+//! means that the plant was restarted, and restarts the filter; a repeated step is answered with the same
+//! estimate again.
 
 mod filter;
 mod history;
@@ -32,10 +33,10 @@ pub(crate) use filter::Filter;
 pub use filter::filter_of;
 use history::{History, LONGEST_GAP};
 
-/// Queue for measurements and commands.
+/// Queue length for measurements and commands.
 const DEPTH: usize = 64;
 
-/// Longest wait in lockstep for the command of a foreign program, of which nobody hears whether it lives.
+/// Longest wait in lockstep for the command of a foreign program, whose health is unknown.
 const FOREIGN_COMMAND: Duration = Duration::from_secs(2);
 
 /// The estimator as a state machine.
@@ -51,14 +52,14 @@ pub struct Estimator {
     gate: Gate,
     new_gate: Gate,
     lockstep: bool,
-    /// The command that measurement j needs is j minus this.
+    /// Step offset: measurement j needs command j minus this.
     lag: u64,
-    /// Longest wait for what belongs to a measurement and has not come yet; none in lockstep, where it comes as long
-    /// as the process lives that sends it.
+    /// Longest wait for companion messages of a measurement; none in lockstep, where they arrive as long as
+    /// their sender is alive.
     companions: Option<Duration>,
-    /// The process that would have sent what the pending measurement waits for is another now.
+    /// True when the sender of the awaited message has been replaced by another process.
     orphaned: bool,
-    /// Flags of the measurement that was answered last.
+    /// Flags of the last answered measurement.
     imu_flags: u32,
     pending: Option<(Imu, Instant)>,
     last: Option<Estimate>,
@@ -115,15 +116,15 @@ impl Estimator {
     fn is_complete(&self, imu: &Imu) -> bool {
         let step = imu.head.step;
         let follows = self.last.as_ref().is_some_and(|l| l.head.step + 1 == step);
-        // After a miss commands are not coming, and waiting for each would make the next answers late as well.
+        // After a miss no commands arrive, and waiting for each would make the next answers late as well.
         let command = !follows
             || self.is_missed(imu)
             || step.checked_sub(self.lag).is_none_or(|needed| self.history.get(needed).is_some());
         command && self.odometry.has_reached(step) && self.outputs.has_reached(step)
     }
 
-    /// Whether no command is coming for the step that `imu` needs. In lockstep the plant has said so with the
-    /// measurement at which that command would have come into force.
+    /// True when no command will arrive for the step that `imu` needs. In lockstep the plant has reported it
+    /// with the measurement at which that command would have come into force.
     fn is_missed(&self, imu: &Imu) -> bool {
         let flags = match (self.lockstep, self.lag) {
             (true, 1) => imu.flags,
@@ -168,7 +169,7 @@ impl Estimator {
         Ok(())
     }
 
-    /// Brings the gate to what was in force over `[t_i-1, t_i)`, which is command i-2.
+    /// Advances the gate to the inputs in force over `[t_i-1, t_i)`, which is command i-2.
     fn follow(&mut self, i: u64) {
         if let Some(awaited) = i.checked_sub(2) {
             if let Some(command) = self.history.get(awaited) {
@@ -179,7 +180,7 @@ impl Estimator {
         }
     }
 
-    /// What acts at the moment of measurement `step`: command `step` - 1, which the plant had before it measured.
+    /// Inputs acting at measurement `step`: command `step` - 1, which the plant had before it measured.
     fn u_now(&self, step: u64) -> [f64; MAX_INPUTS] {
         let mut ahead = self.gate.clone();
         if let Some(awaited) = step.checked_sub(1) {
@@ -217,7 +218,7 @@ impl Follower for Estimator {
             None => match receive(&mut self.imus, &mut self.refused)? {
                 Some(imu) => (imu, clock.now()),
                 None => {
-                    // Between two measurements there is time for what the next one needs.
+                    // Between two measurements there is time for the inputs of the next one.
                     if self.last.as_ref().is_some_and(|l| self.history.get(l.head.step).is_none()) {
                         self.take_commands()?;
                     }

@@ -1,7 +1,7 @@
-//! Several flights side by side in vector registers, to the last bit as each alone.
+//! Several flights side by side in vector registers, bit-identical to single flights.
 //!
-//! Only what goes as it should is flown so: a flight in which a number is not finite or a state leaves its bounds is given up,
-//! and flown again alone, where there are rules for that.
+//! Only regular flights are simulated this way: a flight in which a number is not finite or a state leaves
+//! its bounds is abandoned, and flown again alone, where rules for that exist.
 
 #![expect(clippy::needless_range_loop, reason = "a loop over lanes indexes several rows alike")]
 
@@ -15,26 +15,27 @@ use crate::config::NodeConfig;
 use crate::controller::{Law, Profile};
 use crate::plant::simulation::simulated;
 
-/// Flights side by side that are fast on every machine: two vector registers of the widest, eight of the narrowest.
+/// Number of simultaneous flights that is fast on every machine: two vector registers of the widest, eight of
+/// the narrowest.
 pub const LANES: usize = 16;
 
-/// What a step of K flights was, each row of all of them; SI. As [`super::Step`].
+/// One step of K flights, each row with the values of all of them; SI. Like [`super::Step`].
 pub struct StepLanes<'a, const K: usize> {
     /// Bench time, ns.
     pub stamp_ns: u64,
     /// The true states.
     pub x: &'a [[f64; K]],
-    /// The inputs in force.
+    /// Inputs in force.
     pub u: &'a [[f64; K]],
     /// Flags of the inputs in force.
     pub flags: &'a [u32; K],
-    /// What disturbs the derivative of each state.
+    /// Disturbance of the derivative of each state.
     pub disturbance: &'a [[f64; K]],
-    /// What the law was asked for.
+    /// Reference of the law.
     pub setpoint: &'a Setpoint,
-    /// The filter behind the measurement of this step.
+    /// The filter after the measurement of this step.
     pub filter: &'a EstimatorLanes<K>,
-    /// Flights that have been given up; their numbers have no meaning.
+    /// True for abandoned flights; their numbers are meaningless.
     pub lost: &'a [bool; K],
 }
 
@@ -47,9 +48,9 @@ struct Flights<const K: usize> {
     law: LawLanes<K>,
     profile: Profile,
     gate: GateLanes<K>,
-    /// Largest size of every state.
+    /// Bound of every state's magnitude.
     bounds: Vec<[f64; K]>,
-    /// An input shows in the measurement of the same moment; and the filter knows of it.
+    /// True when a measurement contains the input of the same time, and whether the filter models it.
     shows: bool,
     believed: bool,
     lost: [bool; K],
@@ -60,14 +61,14 @@ enum LawLanes<const K: usize> {
     Manual,
 }
 
-/// [`crate::gate::Gate`] for commands that come in time.
+/// [`crate::gate::Gate`] for K flights with commands in time.
 struct GateLanes<const K: usize> {
     limits: Vec<[f64; 2]>,
-    /// In force, over the step before, and over the next one.
+    /// Inputs in force: over the previous step, and over the next one.
     u: Vec<[f64; K]>,
     before: Vec<[f64; K]>,
     accepted: Vec<[f64; K]>,
-    /// As the law wants it.
+    /// Command of the law.
     command: Vec<[f64; K]>,
     flags: [u32; K],
     accepted_flags: [u32; K],
@@ -75,8 +76,8 @@ struct GateLanes<const K: usize> {
 }
 
 impl Pilot {
-    /// As [`Self::fly_lanes`], as many as are fast on every machine. Compiled here, where it is compiled to be fast, and not where
-    /// it is called from.
+    /// Flies benches as [`Self::fly_lanes`], with a number that is fast on every machine. Compiled in this
+    /// optimised crate, not in the caller's.
     pub fn fly_together(
         &self,
         configs: &[&NodeConfig; LANES],
@@ -85,9 +86,9 @@ impl Pilot {
         self.fly_lanes(configs, each)
     }
 
-    /// Flies K benches for each of which this is the pilot, and which differ in effects, initial states and seeds only; `each`
-    /// sees every step. `None` for a flight that has to be flown alone; all are, where the filter or the benches are none for
-    /// this.
+    /// Flies K benches of this pilot that differ only in effects, initial states and seeds; `each` is called
+    /// for every step. `None` for a flight that has to be flown alone; for all of them, where filter or
+    /// benches are unsuitable.
     pub fn fly_lanes<const K: usize>(
         &self,
         configs: &[&NodeConfig; K],
@@ -160,7 +161,7 @@ fn fly<const K: usize>(flights: &mut Flights<K>, each: &mut dyn FnMut(&StepLanes
 }
 
 impl<const K: usize> Flights<K> {
-    /// As a turn of the loop in [`Pilot::fly`].
+    /// One iteration of the loop in [`Pilot::fly`].
     #[inline(always)]
     fn step(&mut self, step: u64, each: &mut dyn FnMut(&StepLanes<'_, K>)) {
         let Self { simulator, estimator, gate, .. } = self;
@@ -210,7 +211,7 @@ impl<const K: usize> Flights<K> {
         for l in 0..K {
             self.lost[l] |= beyond[l];
         }
-        // Step 0 is over before a bench begins to look.
+        // Step 0 is over before a bench begins to check.
         if step > 0 {
             for (x, bound) in simulator.state().iter().zip(&self.bounds) {
                 for l in 0..K {
@@ -222,7 +223,7 @@ impl<const K: usize> Flights<K> {
 }
 
 impl<const K: usize> GateLanes<K> {
-    /// The command of this step comes, within the limits.
+    /// Accepts the command of this step, within the limits.
     #[inline(always)]
     fn offer(&mut self) {
         let (mut moved, mut stands) = ([false; K], [false; K]);
@@ -239,7 +240,7 @@ impl<const K: usize> GateLanes<K> {
         }
     }
 
-    /// What was accepted comes into force.
+    /// Brings the accepted command into force.
     #[inline(always)]
     fn close(&mut self) {
         std::mem::swap(&mut self.before, &mut self.u);
@@ -248,7 +249,7 @@ impl<const K: usize> GateLanes<K> {
     }
 }
 
-/// Marks what is not a number, infinite, or larger.
+/// Marks flights with a value that is NaN, infinite, or larger than its bound.
 #[inline(always)]
 fn mark<const K: usize>(lost: &mut [bool; K], row: &[f64; K], largest: f64) {
     for l in 0..K {

@@ -1,8 +1,8 @@
-//! What a law that is designed for a finding is worth, before it flies.
+//! Evaluates a law designed for a finding, before it takes over.
 //!
-//! The law in charge and the new one fly the vehicle as it is found to be, over draws of what is not sure of it: in this process, in the
-//! filter's hands that fly now, the same draw for both. As `whirlstand tune` judges, the new law must lose the vehicle on no more draws, and cost
-//! less for certain.
+//! The law in charge and the new one fly the identified vehicle, over random draws of its uncertain
+//! parameters: in this process, with the filter in use, with the same draws for both. As in `whirlstand
+//! tune`, the new law must not lose the vehicle on more draws, and must have a significantly lower cost.
 
 use whirlstand_control::{Design, SampledPlant};
 use whirlstand_msgs::Finding;
@@ -15,19 +15,19 @@ use crate::flight::Pilot;
 use crate::setup::Setup;
 use crate::succession::{extended, steps};
 
-/// Number of draws. A paired mean over forty is sure of a change of 5 % where single flights differ by 15 %.
+/// Number of draws. A paired mean over forty detects a change of 5 % where single flights differ by 15 %.
 const DRAWS: u64 = 40;
 
-/// Length of each flight, s: from a start away from rest until that is forgotten.
+/// Length of each flight, s: from an initial deviation until it has decayed.
 const FLIGHT_S: f64 = 10.0;
 
-/// Weight of a rate whose angle is weighed as well, as the regulator has it.
+/// Weight of a rate whose angle has a weight too, as in the regulator.
 const RATES: f64 = 0.01;
 
-/// Share of the draws on which the new law must be the better one.
+/// Smallest share of draws on which the new law must be better.
 const BETTER_SHARE: f64 = 0.5;
 
-/// The bench, as it is flown to see what a law is worth.
+/// The bench for evaluating laws.
 pub(super) struct Check {
     config: NodeConfig,
     setup: Setup,
@@ -36,9 +36,10 @@ pub(super) struct Check {
 /// A law that is better.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Better {
-    /// Its cost over that of the law in charge, geometric mean over the draws; zero where that one loses the vehicle on all.
+    /// Ratio of its cost to that of the law in charge, geometric mean over the draws; zero where the latter
+    /// loses the vehicle on all.
     pub ratio: f64,
-    /// How long its loop remembers, s.
+    /// Memory of its loop, s.
     pub memory_s: f64,
 }
 
@@ -51,15 +52,15 @@ impl Check {
         Self { config, setup: setup.clone() }
     }
 
-    /// How long the loop of the first law remembers, s.
+    /// Memory of the first law's loop, s.
     pub(super) fn memory_s(&self) -> Option<f64> {
         self.design(&self.setup.model).ok().map(|design| design.memory_s())
     }
 
-    /// Whether the law for `cause` is better than the one for `flying`, or than the first one.
+    /// Checks whether the law for `cause` is better than the one for `flying`, or than the first one.
     ///
     /// # Errors
-    /// A sentence that says why it is not.
+    /// A sentence with the reason why it is not.
     pub(super) fn compare(&self, flying: Option<&Finding>, cause: &Finding) -> Result<Better, String> {
         let vehicle = extended(&self.setup.model, cause)?;
         let before = match flying {
@@ -91,8 +92,8 @@ impl Check {
         Design::new(&plant, &options).map_err(|e| e.to_string())
     }
 
-    /// A draw: the parameters of the cause within what is known of them, and a start away from rest, as far as a tenth of what
-    /// the inputs can do.
+    /// A draw: the parameters of the cause within their uncertainty, and an initial deviation of up to a
+    /// tenth of the inputs' authority.
     fn bench(&self, number: u64, vehicle: &Vehicle, cause: &Finding, plant: &SampledPlant) -> NodeConfig {
         let mut config = self.config.clone();
         config.seed = config.seed.wrapping_add(number);
@@ -104,7 +105,7 @@ impl Check {
             for (i, name) in told.enumerate().filter(|(_, name)| names.contains(name)) {
                 let spread = (cause.high[i] - cause.low[i]) / (2.0 * 1.96);
                 let value = cause.value[i] + spread * stream.normal();
-                // Out of the range of the parameter, as a negative delay: the value that was found.
+                // Out of the range of the parameter, such as a negative delay: the estimated value is kept.
                 drop(effect.set_parameter(name, value));
             }
         }
@@ -118,8 +119,8 @@ impl Check {
     }
 }
 
-/// Mean square of the errors of all states and of all inputs, each measured by its size, rates a hundredth of that (Bryson's rule);
-/// infinite when the vehicle was lost.
+/// Mean square of the errors of all states and of all inputs, each divided by its scale, rates with a
+/// hundredth of the weight (Bryson's rule); infinite when the vehicle was lost.
 fn cost(pilot: &Pilot, bench: &NodeConfig, plant: &SampledPlant) -> Result<f64, NodeError> {
     let n = plant.own_count();
     let mut weights: Vec<f64> = plant.scales()[..n].iter().map(|s| 1.0 / (s * s)).collect();
@@ -141,7 +142,7 @@ fn cost(pilot: &Pilot, bench: &NodeConfig, plant: &SampledPlant) -> Result<f64, 
     }
 }
 
-/// The ratio of the costs, new over old, of pairs of flights.
+/// Ratio of the costs, new over old, from pairs of flights.
 fn judge(costs: &[(f64, f64)]) -> Result<f64, String> {
     let lost = |of: fn(&(f64, f64)) -> f64| costs.iter().filter(|c| of(c).is_infinite()).count();
     let (old, new) = (lost(|c| c.0), lost(|c| c.1));

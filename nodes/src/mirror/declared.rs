@@ -1,4 +1,4 @@
-//! What a mirror is told of the flight before it begins.
+//! Effects of the flight that the mirror knows in advance.
 
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
@@ -6,7 +6,7 @@ use crate::config::NodeConfig;
 use crate::error::NodeError;
 use crate::setup::Setup;
 
-/// What is declared of the flight: disturbances of the launch file are, its other effects are not.
+/// Declared effects of the flight: disturbances of the launch file, but not its other effects.
 pub(super) fn declared_effects(config: &NodeConfig) -> impl Iterator<Item = &Effect> {
     let disturbs = |kind: Kind| {
         matches!(
@@ -17,7 +17,7 @@ pub(super) fn declared_effects(config: &NodeConfig) -> impl Iterator<Item = &Eff
     config.effects.iter().filter(move |e| disturbs(e.kind()))
 }
 
-/// The vehicle with all that is declared of the flight.
+/// The vehicle with all declared effects.
 pub(super) fn declared(setup: &Setup, config: &NodeConfig) -> Result<Vehicle, NodeError> {
     let mut vehicle = setup.model.clone();
     for effect in declared_effects(config) {

@@ -1,7 +1,8 @@
-//! Which inputs act from a step on, by what was heard.
+//! Reconstructs the inputs acting from each step on from received messages.
 //!
-//! The plant says with each measurement what it applies from that step on: the command of the step before, the last one once
-//! more ([`flags::HELD`]), or neutral ([`flags::FAILSAFE`]). A bridge to a vehicle says it with `Sent`.
+//! The plant reports with each measurement what it applies from that step on: the command of the previous
+//! step, the last one again ([`flags::HELD`]), or neutral ([`flags::FAILSAFE`]). A bridge to a vehicle
+//! reports it with `Sent`.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_msgs::{Command, Imu, MAX_INPUTS, Sent, flags};
@@ -11,23 +12,23 @@ use crate::error::NodeError;
 use crate::gate::InputLimits;
 use crate::ports::receive;
 
-/// What acts from a step on.
+/// Inputs acting from a step on.
 pub(super) enum Acting {
     Known([f64; MAX_INPUTS]),
-    /// What says it is still on its way.
+    /// The message that determines them has not arrived yet.
     Coming,
-    /// What says it was lost.
+    /// The message that determines them was lost.
     Lost,
 }
 
 pub(super) struct Inputs {
     limits: InputLimits,
     commands: Subscriber<Command>,
-    /// The next command, when it is for a later step than was asked for.
+    /// The next command, when it is for a later step than requested.
     next: Option<Command>,
-    /// Of a bridge to a vehicle.
+    /// Messages of a bridge to a vehicle.
     sent: Option<Companion<Sent>>,
-    /// In force; `None` while it is not known.
+    /// Inputs in force; `None` while unknown.
     last: Option<[f64; MAX_INPUTS]>,
     before: Option<[f64; MAX_INPUTS]>,
 }
@@ -52,7 +53,7 @@ impl Inputs {
         (self.last, self.before, self.next) = (None, None, None);
     }
 
-    /// What acts from the step of `imu` on. To be asked for once for each step, in order.
+    /// Inputs acting from the step of `imu` on. To be called once for each step, in order.
     pub(super) fn acting(&mut self, imu: &Imu, refused: &mut u64) -> Result<Acting, NodeError> {
         let step = imu.head.step;
         if let Some(sent) = &mut self.sent {
@@ -80,12 +81,12 @@ impl Inputs {
         Ok(applied.map_or(Acting::Lost, Acting::Known))
     }
 
-    /// The step will be asked for again.
+    /// Undoes the last request, as the step will be requested again.
     pub(super) fn take_back(&mut self) {
         self.last = self.before;
     }
 
-    /// The first command of a step; commands of steps before it are gone afterwards.
+    /// The first command of a step; commands of earlier steps are discarded.
     fn command(&mut self, step: u64, refused: &mut u64) -> Result<Option<Command>, NodeError> {
         loop {
             let next = match self.next {
@@ -99,14 +100,14 @@ impl Inputs {
                 return Ok(None);
             }
             if next.head.step == step && self.usable(&next).is_some() {
-                // It stays until the next step is asked for, so that it can be asked for again.
+                // It is kept until the next step is requested, so that the request can be repeated.
                 return Ok(Some(next));
             }
             self.next = None;
         }
     }
 
-    /// What the plant makes of a command; `None` for one that it refuses.
+    /// Inputs that the plant applies for a command; `None` for one that it refuses.
     fn usable(&self, command: &Command) -> Option<[f64; MAX_INPUTS]> {
         let count = self.limits.count;
         if command.count as usize != count || command.flags & flags::WITHHELD != 0 {

@@ -1,9 +1,10 @@
-//! Which law should fly, by what has been found.
+//! Decides from the findings which law should be in charge.
 //!
-//! A law is asked for once the evidence behind its cause has doubled since that was named: information comes with time, so what was
-//! wrong once in fifty then is wrong once in 2500 now. It is asked for again only when the size that it was designed for is outside of the interval that is
-//! known, and never sooner after the last change than the loops remember (Morse 1996, IEEE Transactions on Automatic Control 41: with
-//! such a dwell time, laws that are stable one by one are stable however they take turns) and than ten seconds.
+//! A law is requested once the evidence for its cause has doubled since the cause was named: evidence grows
+//! with time, so an error probability of one in fifty becomes one in 2500. Another law is requested only when
+//! the size for which the first one was designed is outside the current interval, and never sooner after the
+//! last change than the loops' memory (Morse 1996, IEEE Transactions on Automatic Control 41: with such a
+//! dwell time, alternating between stable laws is stable) and than ten seconds.
 
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -16,26 +17,27 @@ use crate::error::NodeError;
 use crate::setup::Setup;
 use crate::succession::steps;
 
-/// Shortest time between two changes, s: half of the data that a cause is looked for in.
+/// Shortest time between two changes, s: half of the data from which a cause is identified.
 const MOST_OFTEN_S: f64 = 10.0;
 
-/// A cause that does not hold is waited for no longer than so much data is looked at, s.
+/// Longest wait after a cause is withdrawn, s: the length of the data that are analysed.
 const LOOKED_AT_S: f64 = 20.0;
 
-/// Bench time that a check takes in lockstep, s, so that a run repeats itself. In real time it takes what it takes.
+/// Bench time of an evaluation in lockstep, s, so that a run is reproducible. In real time it takes its
+/// actual time.
 const CHECKING_S: f64 = 0.5;
 
-/// How much lower than the loop's the check's priority is.
+/// Nice value by which the evaluation's priority is below that of the loop.
 const NICE: i32 = 10;
 
-/// A law that is being judged.
+/// A law under evaluation.
 struct Job {
     cause: Finding,
     due: u64,
     thread: JoinHandle<Result<Better, String>>,
 }
 
-/// Decides on laws.
+/// Decides on changes of the law.
 pub(super) struct Laws {
     check: Arc<Check>,
     waits: bool,
@@ -43,12 +45,12 @@ pub(super) struct Laws {
     looked_at: u64,
     checking: u64,
     most_often: u64,
-    /// The cause that is named now, and from which step on it counts.
+    /// The currently named cause, and the step from which it counts.
     named: Option<(Finding, u64)>,
-    /// From which step on the first law should fly.
+    /// Step from which the first law should be in charge again.
     back: Option<u64>,
     flying: Option<Finding>,
-    /// The cause for which the law was judged no better.
+    /// The cause whose law was evaluated as no better.
     refused: Option<Finding>,
     changed: Option<u64>,
     dwell: u64,
@@ -77,7 +79,7 @@ impl Laws {
         }
     }
 
-    /// What was found.
+    /// Receives a finding.
     pub(super) fn hear(&mut self, finding: &Finding) {
         let step = finding.head.step;
         let behind = step.saturating_sub(finding.since_ns / self.period_ns);
@@ -99,20 +101,20 @@ impl Laws {
         self.back = Some(from);
     }
 
-    /// The plant began a new run, under the first law.
+    /// Resets for a new run, under the first law.
     pub(super) fn restart(&mut self) {
         self.give_up(0);
         (self.flying, self.changed, self.job, self.back) = (None, None, None, None);
     }
 
-    /// Whether a law that should have been judged by this step, so that a run in lockstep repeats itself, is still being judged.
-    /// The check runs below the priority of a loop that may keep all processors busy, so it may take long: the mirror waits
-    /// without standing still.
+    /// True when a law that should have been evaluated by this step, for a reproducible run in lockstep, is
+    /// still under evaluation. The evaluation runs below the priority of a loop that may keep all processors
+    /// busy, so it may take long: the mirror waits without blocking.
     pub(super) fn is_late(&self, step: u64) -> bool {
         self.waits && self.job.as_ref().is_some_and(|job| step >= job.due && !job.thread.is_finished())
     }
 
-    /// Goes on; what there is to say at a step, if anything.
+    /// Advances to a step; returns a finding to publish, if any.
     ///
     /// # Errors
     /// No thread can be started.
@@ -148,7 +150,7 @@ impl Laws {
     fn begin(&self, cause: Finding, step: u64) -> Result<Job, NodeError> {
         let (check, flying) = (Arc::clone(&self.check), self.flying);
         let work = move || {
-            // Where it may not, it competes as this node does.
+            // Without that permission, it competes with this node.
             let _ = rustix::process::setpriority_process(None, NICE);
             check.compare(flying.as_ref(), &cause)
         };
@@ -189,7 +191,7 @@ fn is_same_cause(a: &Finding, b: &Finding) -> bool {
     (a.effect, a.place, a.onto, a.names) == (b.effect, b.place, b.onto, b.names)
 }
 
-/// Whether the size that was known lies within what is known now.
+/// True when the earlier size is within the current interval.
 fn covers(known: &Finding, now: &Finding) -> bool {
     let count = (now.count as usize).min(now.value.len());
     is_same_cause(known, now)

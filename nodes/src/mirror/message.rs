@@ -1,10 +1,10 @@
-//! What the mirror found, as a message.
+//! Converts findings of the mirror to messages.
 
 use whirlstand_mirror::{Finding as Found, Stage};
 use whirlstand_msgs::{Finding, FindingStage, MAX_PARAMETERS, Message, text_field};
 use whirlstand_vehicle::Vehicle;
 
-/// The message, without its head.
+/// The message of a finding, without its head.
 pub(super) fn message(found: &Found, vehicle: &Vehicle, period_ns: u64) -> Finding {
     let stage = match found.stage {
         Stage::Wrong => FindingStage::Wrong,
@@ -25,7 +25,7 @@ pub(super) fn message(found: &Found, vehicle: &Vehicle, period_ns: u64) -> Findi
     let effect = &cause.effect;
     let place = effect.place();
     let (first, second) = place.split_once("->").or_else(|| place.split_once(',')).unwrap_or((place, ""));
-    // An entry of a matrix has a comma in it as well.
+    // A matrix entry contains a comma as well.
     let (first, second) = if place.contains('[') { (place, "") } else { (first, second) };
     finding.effect = text_field(effect.kind().name());
     finding.place = text_field(first);

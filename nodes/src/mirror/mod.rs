@@ -1,8 +1,9 @@
-//! The mirror: listens beside the loop and says when the vehicle is no longer the one in the file.
+//! The mirror: monitors the flight beside the loop and reports when the vehicle differs from its file.
 //!
-//! It holds the flight against what law and filter take the vehicle for, with the disturbances that the launch file declares:
-//! whatever else the launch file adds is what it has to find. It looks at its queues at a steady pace, as the recorder does, so that nobody in the loop pays
-//! for it, and nobody hears it but who asks to (`on_finding = "failsafe"`).
+//! It compares the flight with the vehicle model of law and filter, with the disturbances that the launch
+//! file declares: other effects of the launch file are what it has to find. It polls its queues at a steady
+//! pace, like the recorder, so that it costs the loop nothing, and only nodes that request it react to it
+//! (`on_finding = "failsafe"`).
 
 mod check;
 mod declared;
@@ -34,13 +35,13 @@ use inputs::{Acting, Inputs};
 use laws::Laws;
 use message::message;
 
-/// Queue of each topic.
+/// Queue length of each topic.
 pub const QUEUE_DEPTH: usize = 1024;
 
-/// On which it says how far it has come.
+/// Topic on which it reports its progress.
 pub const PACE_TOPIC: &str = "mirrored";
 
-/// Steps from one report of how far it has come to the next.
+/// Number of steps between two progress reports.
 const PACE: u64 = 16;
 
 /// The mirror as a state machine.
@@ -58,7 +59,7 @@ pub struct Mirror {
     progress: Publisher<Progress>,
     peers: Peers,
     period_ns: u64,
-    /// A measurement that waits for what belongs to it, and for how many turns.
+    /// A measurement that waits for its companion messages, and the number of turns so far.
     pending: Option<(Imu, u32)>,
     step: Option<u64>,
     steps: u64,
@@ -66,7 +67,7 @@ pub struct Mirror {
     stopping: bool,
 }
 
-/// Turns that a measurement waits for its inputs and the other sensors before it is left out.
+/// Number of turns for which a measurement waits for its inputs and the other sensors before it is left out.
 const PATIENCE: u32 = 40;
 
 impl Mirror {
@@ -110,7 +111,7 @@ impl Mirror {
         })
     }
 
-    /// Takes in what waits.
+    /// Processes waiting messages.
     ///
     /// # Errors
     /// The transport fails.
@@ -140,7 +141,7 @@ impl Mirror {
         Ok(if worked { Turn::Worked } else { Turn::Idle })
     }
 
-    /// Asks for the end.
+    /// Requests the end.
     pub fn stop(&mut self) {
         self.stopping = true;
     }
@@ -158,11 +159,11 @@ impl Mirror {
         Ok(receive(&mut self.imus, &mut self.refused)?.map(|imu| (imu, 0)))
     }
 
-    /// Takes a measurement; false when what belongs to it has not come yet.
+    /// Processes a measurement; false when a companion message has not arrived yet.
     fn take(&mut self, imu: &Imu) -> Result<bool, NodeError> {
         let step = imu.head.step;
         match self.step {
-            // Sent once more.
+            // A repeated measurement.
             Some(last) if step == last => return Ok(true),
             Some(last) if step < last => {
                 tracing::warn!(step, "the plant started a new run: the mirror restarts");
@@ -180,7 +181,7 @@ impl Mirror {
             Acting::Known(u) => u,
             Acting::Coming => return Ok(false),
             Acting::Lost => {
-                // What acted is not known, so nothing can be expected: it begins anew.
+                // The inputs are unknown, so that no prediction is possible: it restarts.
                 self.watcher.restart();
                 self.done(step)?;
                 return Ok(true);
@@ -229,14 +230,15 @@ impl Mirror {
         if step.is_multiple_of(PACE) { self.tell(step) } else { Ok(()) }
     }
 
-    /// Says how far it has come: a plant in lockstep does not run away from it.
+    /// Reports the progress, so that a plant in lockstep waits for it.
     fn tell(&mut self, step: u64) -> Result<(), NodeError> {
         let mut progress = Progress { written: self.steps, ..Progress::zeroed() };
         (progress.head.step, progress.head.stamp_ns) = (step, step * self.period_ns);
         Ok(self.progress.send(&progress)?)
     }
 
-    /// What the bench was asked for and the predictor may know: the engine. Gusts and effects are what it has to find.
+    /// Receives requested changes that the predictor may know: the engine. Gusts and effects are what it has
+    /// to find.
     fn take_adjustments(&mut self) -> Result<(), NodeError> {
         while let Some(m) = receive(&mut self.adjusted, &mut self.refused)? {
             if m.what == AdjustmentKind::Engine as u32 && m.verdict == AdjustmentVerdict::Done as u32 {

@@ -1,4 +1,4 @@
-//! What a node asks of the operating system: scheduling, exact waking, signals, readiness.
+//! Operating-system services of a node: scheduling, exact wake-ups, signals, readiness.
 
 mod notify;
 mod port_holder;

@@ -1,10 +1,10 @@
-//! Tells the launcher that the ports are open, as systemd services do (`sd_notify(3)`).
+//! Notifies the launcher that the ports are open, as systemd services do (`sd_notify(3)`).
 
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 
 /// Sends `READY=1` to the datagram socket in `NOTIFY_SOCKET`, with one `X_LOCATOR=...` line for each address
-/// on which peers can reach this node. Without `NOTIFY_SOCKET` there is nobody to tell and nothing happens.
+/// on which peers can reach this node. Without `NOTIFY_SOCKET` nothing happens.
 ///
 /// # Errors
 /// The socket named by `NOTIFY_SOCKET` cannot be reached.
@@ -19,8 +19,8 @@ pub fn notify_ready(locators: &[String]) -> std::io::Result<()> {
     send(path.as_encoded_bytes(), text.as_bytes())
 }
 
-/// Tells the socket in `NOTIFY_SOCKET` what this node is at (`STATUS=`); an empty text takes that back. False when there is
-/// nobody to tell.
+/// Sends this node's status to the socket in `NOTIFY_SOCKET` (`STATUS=`); an empty text clears it. False
+/// without such a socket.
 pub fn notify_status(text: &str) -> bool {
     let Some(path) = std::env::var_os("NOTIFY_SOCKET") else { return false };
     send(path.as_encoded_bytes(), format!("STATUS={text}\n").as_bytes()).is_ok()

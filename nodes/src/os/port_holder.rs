@@ -1,4 +1,4 @@
-//! Who holds a port that is to be bound, as the kernel tells it (proc_net(5), proc_pid_fd(5)).
+//! Finds the process that holds a port, from the kernel's tables (proc_net(5), proc_pid_fd(5)).
 
 use std::fs;
 use std::io;
@@ -11,7 +11,8 @@ const UDP: [&str; 2] = ["/proc/net/udp", "/proc/net/udp6"];
 /// State of a TCP socket that listens.
 const LISTENS: &str = "0A";
 
-/// The error of a bind, with who holds the port where that is the reason and the holder is of this user.
+/// The error of a bind, with the process that holds the port where that is the reason and the process is of
+/// this user.
 pub(crate) fn with_holder(error: io::Error, at: SocketAddr, is_tcp: bool) -> io::Error {
     if error.kind() != io::ErrorKind::AddrInUse {
         return error;
@@ -28,8 +29,8 @@ pub(crate) fn with_holder(error: io::Error, at: SocketAddr, is_tcp: bool) -> io:
     io::Error::new(io::ErrorKind::AddrInUse, format!("{who}: end it, or choose another port"))
 }
 
-/// The numbers of the sockets on a local port, in a table with a line for each socket: number, local address as
-/// `HEX:PORT`, remote address, state, queues, timers, retransmissions, user, timeout, inode.
+/// Inode numbers of the sockets on a local port, from a table with a line for each socket: number, local
+/// address as `HEX:PORT`, remote address, state, queues, timers, retransmissions, user, timeout, inode.
 fn sockets_on(table: &str, port: u16, is_tcp: bool) -> Vec<String> {
     let inode = |line: &str| {
         let fields: Vec<&str> = line.split_whitespace().collect();
@@ -41,13 +42,13 @@ fn sockets_on(table: &str, port: u16, is_tcp: bool) -> Vec<String> {
     table.lines().skip(1).filter_map(inode).collect()
 }
 
-/// The process that has one of the sockets open: its number and its name.
+/// Number and name of the process that has one of the sockets open.
 fn holder(sockets: &[String]) -> Option<(u32, String)> {
     let targets: Vec<String> = sockets.iter().map(|inode| format!("socket:[{inode}]")).collect();
     let pids =
         fs::read_dir("/proc").ok()?.flatten().filter_map(|e| e.file_name().to_str()?.parse::<u32>().ok());
     let has_it = |pid: &u32| {
-        // What belongs to somebody else cannot be looked into.
+        // Processes of other users cannot be inspected.
         let open = fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
         open.filter_map(|fd| fs::read_link(fd.path()).ok())
             .any(|target| targets.iter().any(|socket| target.as_os_str() == socket.as_str()))

@@ -4,7 +4,7 @@ use std::io;
 
 use crate::config::RealtimeOptions;
 
-/// Why the operating system refused a real-time option, and what to change.
+/// Reason why the operating system refused a real-time option, with the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum RealtimeError {
     /// `sched_setscheduler` refused.
@@ -15,12 +15,12 @@ pub enum RealtimeError {
          launch file"
     )]
     Priority {
-        /// Priority that was asked for.
+        /// Requested priority.
         priority: u8,
         /// The system's answer.
         source: io::Error,
     },
-    /// The priority is not one of SCHED_FIFO's.
+    /// The priority is out of the range of SCHED_FIFO.
     #[error("priority = {0} is outside 1 to 99, the priorities of SCHED_FIFO")]
     PriorityRange(u8),
     /// `sched_setaffinity` refused.
@@ -29,9 +29,9 @@ pub enum RealtimeError {
          in the launch file, or the cpuset of the container or service"
     )]
     Affinity {
-        /// CPUs that were asked for.
+        /// Requested CPUs.
         cpus: Vec<usize>,
-        /// CPUs that the process may use now.
+        /// CPUs that the process may use.
         allowed: Vec<usize>,
         /// The system's answer.
         source: io::Error,
@@ -50,8 +50,8 @@ pub enum RealtimeError {
     },
 }
 
-/// Applies the options to the calling thread, and locked memory to the process. Call it after the bus is open:
-/// threads that already run keep their scheduling.
+/// Applies the options to the calling thread, and memory locking to the process. Call it after the bus is
+/// open: running threads keep their scheduling.
 ///
 /// # Errors
 /// [`RealtimeError`] for the first option that the system refuses.

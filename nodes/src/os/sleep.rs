@@ -1,8 +1,8 @@
-//! Waking at an absolute time.
+//! Wake-ups at an absolute time.
 
 use std::time::{Duration, Instant};
 
-/// A time of `CLOCK_MONOTONIC`, ns; the clock behind [`Instant`] on Linux.
+/// A time of `CLOCK_MONOTONIC`, ns; the clock of [`Instant`] on Linux.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct MonotonicTime(pub u64);
 
@@ -23,14 +23,15 @@ impl MonotonicTime {
     }
 }
 
-/// Asks that sleeps of the calling thread, and of those that it starts from then on, end when they are due. Unless it is asked, the
-/// system puts them off by up to 50 us to wake for several at once (`PR_SET_TIMERSLACK`, prctl(2)); SCHED_FIFO knows no such slack.
+/// Requests that sleeps of the calling thread, and of threads started later by it, end exactly when they are
+/// due. By default the system delays them by up to 50 us to combine wake-ups (`PR_SET_TIMERSLACK`, prctl(2));
+/// SCHED_FIFO has no such slack.
 pub(crate) fn wake_when_due() {
     // SAFETY: this request takes a number and no pointer; where it is refused, sleeps end as they did before.
     unsafe { libc::prctl(libc::PR_SET_TIMERSLACK, libc::c_ulong::from(1u8), 0, 0, 0) };
 }
 
-/// Time that processors have spent on this thread: what others take away does not count.
+/// Processor time of this thread, without the time of others.
 pub(crate) fn thread_time() -> Duration {
     Duration::from_nanos(nanoseconds(libc::CLOCK_THREAD_CPUTIME_ID))
 }

@@ -1,11 +1,11 @@
-//! An orderly end, asked for by a signal or by the program itself.
+//! Orderly termination, requested by a signal or by the program itself.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-/// Set once when the node shall end.
+/// Flag that is set once when the node shall end.
 #[derive(Debug, Clone, Default)]
 pub struct StopFlag(Arc<AtomicBool>);
 
@@ -26,12 +26,12 @@ impl StopFlag {
         Ok(flag)
     }
 
-    /// Asks for the end.
+    /// Requests the end.
     pub fn set(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the end was asked for.
+    /// True when the end was requested.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

@@ -1,10 +1,10 @@
-//! How long answers took.
+//! Latencies of answers.
 
 use hdrhistogram::Histogram;
 
 use crate::error::NodeError;
 
-/// Longest latency told apart; longer ones count as this.
+/// Largest latency of the histogram, ns; longer ones count as this.
 const LONGEST_NS: u64 = 60_000_000_000;
 
 /// A histogram of latencies, ns, with three digits.

@@ -1,18 +1,18 @@
-//! Deadlines that were missed, and when.
+//! Missed deadlines with their times.
 
 use crate::os::MonotonicTime;
 
-/// Missed periods whose times are held; all are counted.
+/// Largest number of missed periods whose times are stored; all are counted.
 const MOST: usize = 4096;
 
-/// Counts and times of missed deadlines in a realtime loop. Noting one allocates nothing.
+/// Number and times of missed deadlines in a realtime loop. Recording one allocates nothing.
 #[derive(Debug)]
 pub(super) struct Missed {
-    /// Deadlines that passed because the plant itself was not running.
+    /// Number of deadlines that passed while the plant itself was not running.
     overruns: u64,
-    /// Those that the gate has counted.
+    /// Number of misses counted by the gate.
     closed: u64,
-    /// Beginnings of the missed periods, `CLOCK_MONOTONIC`, ns.
+    /// Start times of the missed periods, `CLOCK_MONOTONIC`, ns.
     began: Vec<u64>,
 }
 
@@ -21,7 +21,7 @@ impl Missed {
         Self { overruns: 0, closed: 0, began: Vec::with_capacity(MOST) }
     }
 
-    /// Notes the whole periods that have passed since a deadline, and tells how many they are.
+    /// Records the whole periods that have passed since a deadline, and returns their number.
     pub fn overrun(&mut self, deadline: MonotonicTime, period_ns: u64) -> u64 {
         let late = MonotonicTime::now().0.saturating_sub(deadline.0) / period_ns;
         (0..late).for_each(|period| self.note(deadline.0 + period * period_ns));
@@ -29,7 +29,7 @@ impl Missed {
         late
     }
 
-    /// The gate was closed at a deadline, if there is one, and has counted so many misses by then.
+    /// Records that the gate was closed at a deadline, if there is one, with its number of misses so far.
     pub fn closed(&mut self, misses: u64, deadline: Option<MonotonicTime>, period_ns: u64) {
         let more = misses > std::mem::replace(&mut self.closed, misses);
         if let Some(deadline) = deadline.filter(|_| more) {

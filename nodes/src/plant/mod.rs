@@ -1,9 +1,9 @@
-//! The plant: simulates the vehicle, reads its sensors, obeys commands and sets the pace.
+//! The plant: simulates the vehicle and its sensors, applies commands and sets the pace.
 //!
-//! At `t_j` the plant closes the [`Gate`] for command j-1, publishes `Truth`, `Odometry`, `Disturbance` and last
-//! `Imu`, and integrates to `t_j+1` while the others work. Step 0 is special in both modes: its inputs are
-//! neutral, and the clock of a realtime run starts when command 0 has come, so that no node's start counts as
-//! a miss.
+//! At `t_j` the plant closes the [`Gate`] for command j-1, publishes `Truth`, `Odometry`, `Disturbance` and
+//! last `Imu`, and integrates to `t_j+1` while the others work. Step 0 is special in both modes: its inputs
+//! are neutral, and the clock of a realtime run starts when command 0 has arrived, so that no node's start-up
+//! counts as a miss.
 
 mod latencies;
 mod missed;
@@ -36,16 +36,16 @@ use phase::Phase;
 use simulation::Simulation;
 use waiting::{Waiting, whom};
 
-/// Queue for commands; one is awaited at a time.
+/// Queue length for commands; one is awaited at a time.
 const COMMAND_DEPTH: usize = 16;
 
-/// First repetition of an unanswered step 0, and all later ones.
+/// Repetition period of an unanswered step 0.
 const REPEAT: Duration = Duration::from_millis(200);
 
 /// Longest wait for the last command when the run is ended before its last step.
 const LAST_COMMAND: Duration = Duration::from_millis(250);
 
-/// The plant as a state machine: [`Plant::turn`] does what can be done now.
+/// The plant as a state machine: [`Plant::turn`] does all work that is possible now.
 pub struct Plant {
     mode: Mode,
     period_ns: u64,
@@ -54,26 +54,26 @@ pub struct Plant {
     simulation: Simulation,
     gate: Gate,
     commands: Subscriber<Command>,
-    /// Whom a lockstep plant does not run away from.
+    /// Nodes for which a lockstep plant waits.
     paces: Paces,
     peers: Peers,
     phase: Phase,
-    /// The step to do next.
+    /// Next step.
     step: u64,
-    /// The wait for the answer to the last step.
+    /// Wait for the answer to the last step.
     waiting: Waiting,
-    /// The awaited command has been noticed.
+    /// True when the awaited command has been noticed.
     answered: bool,
-    /// Bench time 0 of a realtime run.
+    /// Time of bench time 0 in a realtime run.
     origin: MonotonicTime,
     missed: Missed,
     refused: u64,
     was_failsafe: bool,
     latencies: Histogram<u64>,
-    /// When the loop began: command 0 had come.
+    /// Beginning of the loop, when command 0 arrived.
     began: Option<Instant>,
     looped: Duration,
-    /// Why the run ends before its last step.
+    /// Reason for an end before the last step.
     diverged: Option<NodeError>,
 }
 
@@ -119,10 +119,11 @@ impl Plant {
         })
     }
 
-    /// Does what can be done now. In a realtime loop it only takes commands in; [`Plant::tick`] does the steps.
+    /// Does all work that is possible now. In a realtime loop it only receives commands; [`Plant::tick`] does
+    /// the steps.
     ///
     /// # Errors
-    /// [`NodeError`] when the transport fails, or nobody is there at the start.
+    /// [`NodeError`] when the transport fails, or no node appears at the start.
     pub fn turn(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {
         match self.phase {
             Phase::Looping => self.turn_in_loop(clock),
@@ -133,7 +134,7 @@ impl Plant {
         }
     }
 
-    /// Time at which to take a turn even if no message comes.
+    /// Time of the next call even if no message arrives.
     pub fn wake_at(&self) -> Instant {
         let due = self.peers.due();
         match self.phase {
@@ -151,8 +152,8 @@ impl Plant {
         in_loop.then(|| MonotonicTime(self.origin.0 + self.step * self.period_ns))
     }
 
-    /// Does the step whose deadline has come, in realtime. When the plant itself was away for whole periods,
-    /// bench time stands still for these and each counts as a miss.
+    /// Performs the step whose deadline has come, in realtime. When the plant itself was not running for
+    /// whole periods, bench time stands still for these and each counts as a miss.
     ///
     /// # Errors
     /// [`NodeError`] when the transport fails.
@@ -164,7 +165,7 @@ impl Plant {
         if self.peers.is_due(self.waiting.since()) { self.report(self.waiting.since()) } else { Ok(()) }
     }
 
-    /// Ends the run in order after the last published step.
+    /// Ends the run normally after the last published step.
     pub fn stop(&mut self) {
         self.phase = match self.phase {
             Phase::Looping | Phase::Answering { .. } if self.step > 0 => {
@@ -176,7 +177,7 @@ impl Plant {
         };
     }
 
-    /// Why the run ended before its last step, if the vehicle left its model. The log is complete by then.
+    /// Reason for the end before the last step, if the vehicle left its model. The log is complete by then.
     pub fn take_divergence(&mut self) -> Option<NodeError> {
         self.diverged.take()
     }
@@ -186,18 +187,18 @@ impl Plant {
         self.step
     }
 
-    /// Times from publishing `Imu` to receiving its command, ns; of command 1 and later.
+    /// Times from publishing `Imu` to receiving its command, ns, for command 1 and later.
     pub fn latencies(&self) -> &Histogram<u64> {
         &self.latencies
     }
 
-    /// Beginnings of the periods of a realtime run whose command did not come in time, `CLOCK_MONOTONIC`, ns; the first few
-    /// thousand.
+    /// Start times of the periods of a realtime run whose command did not arrive in time, `CLOCK_MONOTONIC`,
+    /// ns; the first few thousand.
     pub(crate) fn missed(&self) -> &[u64] {
         self.missed.began()
     }
 
-    /// How long the loop ran, from command 0 to the last step.
+    /// Duration of the loop, from command 0 to the last step.
     pub fn looped_for(&self) -> Duration {
         self.looped
     }
@@ -277,14 +278,14 @@ impl Plant {
         Ok(Turn::Worked)
     }
 
-    /// Whether the present step can be closed in lockstep: it was answered, or it will not be, because the process
-    /// that was asked is another now. A wall clock decides only where somebody asked for it.
+    /// True when the current step can be closed in lockstep: it was answered, or its answer cannot come,
+    /// because the responsible process was replaced. A wall-clock limit applies only if configured.
     fn is_settled(&mut self, now: Instant) -> bool {
         let replaced = [Role::Estimator, Role::Controller].map(|role| self.peers.take_replaced(role));
         self.gate.is_answered() || replaced.contains(&true) || self.waiting.is_over(now)
     }
 
-    /// Asks again, and says whom the plant waits for.
+    /// Repeats the measurement, and reports for whom the plant waits.
     fn wait_on(&mut self, now: Instant) -> Result<(), NodeError> {
         if self.waiting.asks_again(now) {
             self.simulation.repeat_measurement()?;
@@ -324,7 +325,7 @@ impl Plant {
     }
 
     fn take_commands(&mut self, clock: &mut Clock) -> Result<(), NodeError> {
-        // Before step 0 is out no command can be meant for this run.
+        // Before step 0 is published no command can belong to this run.
         let Some(awaited) = self.step.checked_sub(1) else { return Ok(()) };
         while let Some(command) = receive(&mut self.commands, &mut self.refused)? {
             // Faults are counted by the gate, and reported with the plant's health.
@@ -332,7 +333,7 @@ impl Plant {
         }
         if self.gate.is_ready() && !self.answered {
             self.answered = true;
-            // The answer to step 0 waits for a whole bench to get ready, or for a pilot to arm.
+            // The answer to step 0 includes the start of a whole bench, or a pilot's arming.
             if clock.is_exact() && awaited > 0 {
                 let latency = clock.now().saturating_duration_since(self.waiting.since());
                 self.peers.record_latency(latency);
@@ -342,7 +343,7 @@ impl Plant {
         Ok(())
     }
 
-    /// Does step `self.step`.
+    /// Performs step `self.step`.
     fn advance(&mut self, clock: &mut Clock, failsafe_at_once: bool) -> Result<(), NodeError> {
         let applied = if self.step == 0 { self.gate.applied() } else { self.gate.close(failsafe_at_once) };
         self.missed.closed(self.gate.misses(), self.deadline(), self.period_ns);

@@ -1,4 +1,4 @@
-//! What reaches the plant from outside the loop: disturbances on `inject`, and gusts, the engine's state and the
+//! Inputs of the plant from outside the loop: disturbances on `inject`, and gusts, the engine's state and the
 //! end of the run on `adjust`.
 
 use whirlstand_bus::{Bus, Subscriber};
@@ -9,21 +9,21 @@ use crate::adjustment_desk::{AdjustmentDesk, MOST_REQUESTS};
 use crate::error::NodeError;
 use crate::ports::receive;
 
-/// Topic on which a program outside the loop pushes the vehicle.
+/// Topic on which a program outside the loop disturbs the vehicle.
 pub const INJECT_TOPIC: &str = "inject";
 
-/// Queue for disturbances from outside.
+/// Queue length for disturbances from outside.
 const INJECT_DEPTH: usize = 16;
 
-/// Gusts that blow at once.
+/// Largest number of simultaneous gusts.
 const MOST_GUSTS: usize = 16;
 
 #[derive(Debug, Clone, Copy)]
 struct Gust {
     state: usize,
-    /// Added to the state's derivative, SI.
+    /// Disturbance of the state's derivative, SI.
     size: f64,
-    /// The first step without it.
+    /// First step without the gust.
     until: u64,
 }
 
@@ -32,7 +32,7 @@ pub(super) struct Outside {
     desk: AdjustmentDesk,
     injected: [f64; MAX_STATES],
     gusts: [Option<Gust>; MOST_GUSTS],
-    /// Of the states, SI.
+    /// Bounds of the states, SI.
     bounds: Vec<f64>,
     period_ns: u64,
     is_to_end: bool,
@@ -60,8 +60,8 @@ impl Outside {
         })
     }
 
-    /// Lets what has come act on the vehicle from the step of `head` on; the engine is heard from step `measured` on, the
-    /// next that is not measured yet.
+    /// Applies waiting requests to the vehicle from the step of `head` on; a change of the engine takes
+    /// effect from step `measured` on, the next one not measured yet.
     pub(super) fn act(
         &mut self,
         head: Head,
@@ -102,17 +102,17 @@ impl Outside {
         Ok(())
     }
 
-    /// See [`AdjustmentDesk::attend`].
+    /// Work between steps, see [`AdjustmentDesk::attend`].
     pub(super) fn attend(&mut self, head: Head) -> Result<(), NodeError> {
         self.desk.attend(head)
     }
 
-    /// Whether the run ends after this step.
+    /// True when the run ends after this step.
     pub(super) fn is_to_end(&self) -> bool {
         self.is_to_end
     }
 
-    /// Messages from outside that could not be used.
+    /// Number of unusable messages from outside.
     pub(super) fn refused(&self) -> u64 {
         self.refused + self.desk.malformed()
     }
@@ -140,7 +140,7 @@ impl Outside {
         if !size.is_finite() || request.length_ns == 0 {
             return AdjustmentVerdict::Unusable;
         }
-        // More than this would take the state beyond its bound by itself.
+        // A larger gust would by itself take the state beyond its bound.
         if size.abs() * request.length_ns as f64 * 1e-9 > *bound {
             return AdjustmentVerdict::OutOfRange;
         }
@@ -153,7 +153,7 @@ impl Outside {
     fn take_injected(&mut self) -> Result<bool, NodeError> {
         let Some(inject) = &mut self.inject else { return Ok(false) };
         let mut newest = None;
-        // No more than waits: whoever sends without a pause does not keep the step from being taken.
+        // At most the queue's length: a sender without a pause must not delay the step.
         for _ in 0..INJECT_DEPTH {
             let Some(d) = receive(inject, &mut self.refused)? else { break };
             if d.count as usize == self.bounds.len() && d.dx.iter().all(|v| v.is_finite()) {

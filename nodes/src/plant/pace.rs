@@ -1,4 +1,4 @@
-//! Flow control: a lockstep plant does not run away from the recorder, nor from the mirror.
+//! Flow control: a lockstep plant waits for the recorder and for the mirror.
 
 use whirlstand_bus::{Bus, Subscriber, Transport};
 use whirlstand_msgs::{Message, Progress};
@@ -11,15 +11,16 @@ use crate::ports::receive;
 use crate::recorder::QUEUE_DEPTH;
 use crate::succession;
 
-/// Steps that may be on their way to the recorder. Half its queue, because a step's estimate and command can
-/// come after the next step's measurement.
+/// Largest number of steps on their way to the recorder. Half its queue, because a step's estimate and
+/// command can arrive after the next step's measurement.
 const WINDOW: u64 = QUEUE_DEPTH as u64 / 2;
 
-/// The same over a network, where what a recorder that stands still has not read waits in the buffers of its sockets: with
-/// less than 1 kB of each sender and step it is less than Linux gives a socket at first (`tcp_wmem`, `tcp_rmem`).
+/// Largest number of steps on their way over a network, where unread data of a stopped recorder are in the
+/// buffers of its sockets: with less than 1 kB per sender and step it is less than Linux gives a socket
+/// initially (`tcp_wmem`, `tcp_rmem`).
 const NETWORK_WINDOW: u64 = 32;
 
-/// All whom a lockstep plant does not run away from.
+/// All nodes for which a lockstep plant waits.
 pub(super) struct Paces(Vec<(Role, Pace)>);
 
 impl Paces {
@@ -41,7 +42,7 @@ impl Paces {
         Ok(Self(followers.map(open).collect::<Result<_, NodeError>>()?))
     }
 
-    /// Whether step `step` may be published now: all that live have room for it.
+    /// True when step `step` may be published now: all live followers have space for it.
     pub(super) fn may_go_on(&mut self, step: u64, peers: &mut Peers) -> Result<bool, NodeError> {
         let mut may = true;
         for (role, pace) in &mut self.0 {
@@ -54,36 +55,36 @@ impl Paces {
     }
 }
 
-/// Keeps count of how far the recorder, or the mirror, has come.
+/// Progress of the recorder or the mirror.
 struct Pace {
     progress: Subscriber<Progress>,
     window: u64,
     recorded: u64,
-    /// Nobody waits for a recorder that was replaced until the new one says something.
+    /// False after a recorder was replaced, until the new one reports.
     present: bool,
 }
 
 impl Pace {
-    /// `topic`: where the follower says how far it has come.
+    /// Subscribes to `topic`, on which the follower reports its progress.
     fn open(bus: &Bus, transport: Transport, topic: &str) -> Result<Self, NodeError> {
         let window = if transport == Transport::Zenoh { NETWORK_WINDOW } else { WINDOW };
         Ok(Self { progress: bus.subscriber_on(topic, QUEUE_DEPTH)?, window, recorded: 0, present: true })
     }
 
-    /// The recorder is another process now; what was on its way to the one before is lost.
+    /// Resets after the recorder was replaced; messages on their way to the old one are lost.
     fn forget(&mut self) {
         self.present = false;
     }
 
-    /// Whether step `step` may be published now: a recorder that lives has room for it.
+    /// True when step `step` may be published now: a live recorder has space for it.
     fn may_go_on(&mut self, step: u64) -> Result<bool, NodeError> {
-        // It is not worth looking for news at every step.
+        // Polling at every step would be wasteful.
         if step.saturating_sub(self.recorded) < self.window / 4 {
             return Ok(true);
         }
         let mut refused = 0;
         while let Some(p) = receive(&mut self.progress, &mut refused)? {
-            // A recorder that has written nothing yet has just come; it owes nothing from before.
+            // A recorder that has written nothing yet has just started; it has no backlog.
             self.recorded = if p.written == 0 { step } else { p.head().step };
             self.present = true;
         }

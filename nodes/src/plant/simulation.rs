@@ -1,4 +1,4 @@
-//! The simulated vehicle and what it publishes.
+//! The simulated vehicle with its publishers.
 
 use whirlstand_bus::{Bus, Publisher};
 use whirlstand_msgs::{Disturbance, Head, Imu, MAX_OUTPUTS, MAX_STATES, Message, Odometry, Outputs, Truth};
@@ -23,17 +23,17 @@ pub(super) struct Simulation {
     numbered: Option<Publisher<Outputs>>,
     truth: Publisher<Truth>,
     disturbance: Publisher<Disturbance>,
-    /// Truth and disturbance are wanted by somebody.
+    /// True when truth and disturbance are published.
     telemetry: bool,
     always_telemetry: bool,
     outside: Outside,
     published: Option<[f64; MAX_STATES]>,
-    /// Of the present step, measured already unless the input of the same moment shows in it.
+    /// Measurement of the current step, made in advance unless it contains the input of the same time.
     measured: Option<Measurement>,
     feedthrough: bool,
-    /// What was published last.
+    /// Last published measurement.
     last: Measurement,
-    /// The vehicle, and bounds of its states.
+    /// The vehicle, and the bounds of its states.
     vehicle: Vehicle,
     bounds: Vec<f64>,
 }
@@ -68,7 +68,7 @@ impl Simulation {
         })
     }
 
-    /// Publishes what belongs to step `step`, the measurement last: it is what the others wait for.
+    /// Publishes the messages of step `step`, with the measurement last, as the others wait for it.
     pub(super) fn publish(&mut self, step: u64, applied: &Applied) -> Result<(), NodeError> {
         let head = Head { seq: 0, step, stamp_ns: step * self.period_ns };
         let measured = step + u64::from(self.measured.is_some());
@@ -97,7 +97,7 @@ impl Simulation {
         self.map.fill(y, self.simulator.fresh())
     }
 
-    /// Publishes the last measurement again, for a peer that was not there yet, or whose answer was lost with it.
+    /// Publishes the last measurement again, for a peer that was not running yet, or whose answer was lost.
     pub(super) fn repeat_measurement(&mut self) -> Result<(), NodeError> {
         if let Some(publisher) = &mut self.odometry {
             publisher.send_again(&self.last.odometry)?;
@@ -108,7 +108,8 @@ impl Simulation {
         Ok(self.imu.send_again(&self.last.imu)?)
     }
 
-    /// Advances the vehicle by one period, and measures while the others work where the next input cannot show.
+    /// Advances the vehicle by one period, and measures while the others work unless the measurement contains
+    /// the next input.
     pub(super) fn integrate(&mut self) {
         self.simulator.advance();
         if !self.feedthrough {
@@ -116,13 +117,13 @@ impl Simulation {
         }
     }
 
-    /// Why the vehicle's state means nothing any more, if it does not.
+    /// Error when the vehicle's state has left its model.
     pub(super) fn left_model(&self) -> Option<NodeError> {
         diverged(&self.simulator, &self.bounds, &self.vehicle)
     }
 
-    /// What is done between steps, the last of which is `step`: answers whoever asks from outside, and looks whether
-    /// somebody listens to truth and disturbance, where the run itself does not need them.
+    /// Work between steps, the last of which is `step`: answers requests from outside, and checks whether
+    /// truth and disturbance have subscribers, where the run itself does not need them.
     pub(super) fn attend(&mut self, step: u64) -> Result<(), NodeError> {
         self.outside.attend(Head { seq: 0, step, stamp_ns: step * self.period_ns })?;
         if !self.always_telemetry {
@@ -131,12 +132,12 @@ impl Simulation {
         Ok(())
     }
 
-    /// Whether somebody outside asked for the end of the run.
+    /// True when the end of the run was requested from outside.
     pub(super) fn is_to_end(&self) -> bool {
         self.outside.is_to_end()
     }
 
-    /// Messages from outside that could not be used.
+    /// Number of unusable messages from outside.
     pub(super) fn refused(&self) -> u64 {
         self.outside.refused()
     }
@@ -158,7 +159,7 @@ impl Simulation {
     }
 }
 
-/// The vehicle with the effects of the launch file, at its start, and the bounds of its states.
+/// The vehicle with the effects of the launch file, in its initial state, and the bounds of its states.
 ///
 /// # Errors
 /// [`NodeError::Vehicle`] for an effect that does not fit, [`NodeError::Config`] for a state that the vehicle does not have.
@@ -188,7 +189,7 @@ pub(crate) fn simulated(config: &NodeConfig, setup: &Setup) -> Result<(Simulator
     Ok((simulator, bounds))
 }
 
-/// Why the vehicle's state means nothing any more, if it does not.
+/// Error when the vehicle's state has left its model.
 pub(crate) fn diverged(simulator: &Simulator, bounds: &[f64], vehicle: &Vehicle) -> Option<NodeError> {
     let (i, value) = simulator.beyond(bounds)?;
     Some(NodeError::Diverged {

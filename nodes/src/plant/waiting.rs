@@ -1,4 +1,5 @@
-//! How a lockstep plant waits for the answer to its step: as long as it takes, asking again and saying whom it waits for.
+//! Wait of a lockstep plant for the answer to its step: unlimited, with repeated measurements and reports on
+//! the awaited nodes.
 
 use std::time::{Duration, Instant};
 
@@ -7,16 +8,16 @@ use crate::gate::Gate;
 use crate::peers::Peers;
 use crate::wait_report::WaitReport;
 
-/// After this time without an answer the measurement is sent again: a program that was started again has not heard it, and
-/// one that has answers with the same command again.
+/// Time without an answer after which the measurement is repeated: a restarted program has not received it,
+/// and one that has answers with the same command again.
 const REPEAT: Duration = Duration::from_secs(1);
 
-/// A wait that is shorter is none that anybody has to be told of.
+/// Shortest wait that is reported.
 const TELL: Duration = Duration::from_secs(1);
 
 #[derive(Debug)]
 pub(super) struct Waiting {
-    /// Longest wait, where one was asked for.
+    /// Longest wait, where configured.
     timeout: Option<Duration>,
     since: Instant,
     repeated: Instant,
@@ -28,28 +29,28 @@ impl Waiting {
         Self { timeout, since: now, repeated: now, report: WaitReport::new(now) }
     }
 
-    /// A measurement was published at `now`.
+    /// Begins a wait for a measurement published at `now`.
     pub(super) fn begin(&mut self, now: Instant) {
         (self.since, self.repeated) = (now, now);
         self.report.over();
     }
 
-    /// When the last measurement was published, without its repetitions.
+    /// Time at which the last measurement was published, without repetitions.
     pub(super) fn since(&self) -> Instant {
         self.since
     }
 
-    /// Whether somebody asked to wait no longer than until now.
+    /// True when the configured longest wait is over.
     pub(super) fn is_over(&self, now: Instant) -> bool {
         self.timeout.is_some_and(|longest| now >= self.since + longest)
     }
 
-    /// Time at which to look again, at the latest.
+    /// Latest time of the next check.
     pub(super) fn wake_at(&self, due: Instant) -> Instant {
         self.timeout.map_or(due, |longest| due.min(self.since + longest))
     }
 
-    /// Whether the measurement is to be sent again; then the next time is a while away.
+    /// True when the measurement must be repeated; the next repetition is then scheduled.
     pub(super) fn asks_again(&mut self, now: Instant) -> bool {
         let asks = now >= self.repeated + REPEAT;
         if asks {
@@ -58,21 +59,21 @@ impl Waiting {
         asks
     }
 
-    /// Says whom the plant waits for, if it waits long enough.
+    /// Reports the awaited nodes, if the wait is long enough.
     pub(super) fn tell(&mut self, now: Instant, whom: impl FnOnce() -> String) {
         if now >= self.since + TELL {
             self.report.tell(now, whom);
         }
     }
 
-    /// Nobody is waited for any more.
+    /// Ends the wait.
     pub(super) fn end(&mut self) {
         self.report.over();
     }
 }
 
-/// Whom a plant waits for: before its first step those who do not run yet, later those who are behind `step` or have
-/// fallen silent: of step 0, which every node reports before it has done any, only silence tells who is behind.
+/// Awaited nodes: before the first step those not running yet, later those behind `step` or silent; for step
+/// 0, which every node reports before it has done any, only silent ones.
 pub(super) fn whom(peers: &Peers, gate: &Gate, joining: bool, step: u64, now: Instant) -> String {
     if joining {
         return peers.missing();

@@ -1,4 +1,4 @@
-//! The files of a recorder: `log.mcap`, `log.2.mcap`, `log.3.mcap` and so on, and how large they may become.
+//! Files of a recorder: `log.mcap`, `log.2.mcap`, `log.3.mcap` and so on, and their largest size.
 
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -9,24 +9,24 @@ use whirlstand_logs::{BenchInfo, LogWriter, Segments, SignalInfo, WriteError};
 use crate::config::{Mode, NodeConfig, RecorderConfig};
 use crate::setup::Setup;
 
-/// Chunks of a file of limited size: so many at least make it up.
+/// Least number of chunks of a file with limited size.
 const FEWEST_CHUNKS: u64 = 8;
 
-/// When a file is full.
+/// Limits of a file.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
-    /// Its size, bytes.
+    /// Largest size, bytes.
     pub(super) bytes: Option<u64>,
-    /// Its length in bench time, ns.
+    /// Longest duration in bench time, ns.
     pub(super) duration_ns: Option<u64>,
-    /// So many files are kept.
+    /// Number of files kept.
     files: Option<usize>,
 }
 
 pub(super) struct LogFiles {
-    /// The files that there are, those of an earlier recorder of this run among them.
+    /// Existing files, including those of an earlier recorder of this run.
     segments: Segments,
-    /// The files that this recorder wrote, and has not removed.
+    /// Files that this recorder wrote and has not removed.
     paths: Vec<PathBuf>,
     current: PathBuf,
     limits: Limits,
@@ -71,17 +71,18 @@ impl LogFiles {
         }
     }
 
-    /// What the files say of the bench.
+    /// Description of the bench in the files.
     pub(super) fn info(&self) -> &BenchInfo {
         &self.info
     }
 
-    /// When a file is full.
+    /// Limits of a file.
     pub(super) fn limits(&self) -> &Limits {
         &self.limits
     }
 
-    /// Creates the next file; never touches one that exists, but for the oldest when there are more than are to be kept.
+    /// Creates the next file; never overwrites an existing one, but removes the oldest when there are more
+    /// than the number to keep.
     pub(super) fn next(&mut self) -> Result<LogWriter, WriteError> {
         self.current = self.segments.next();
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -104,7 +105,7 @@ impl LogFiles {
         Ok(log)
     }
 
-    /// Takes the file that was begun last away again.
+    /// Removes the file that was created last.
     pub(super) fn discard(&mut self) {
         self.remove(&self.current);
         self.paths.retain(|path| *path != self.current);
@@ -119,7 +120,7 @@ impl LogFiles {
         }
     }
 
-    /// Whether nothing was recorded of this run before: by no recorder that was killed.
+    /// True when no recorder has recorded anything of this run before.
     pub(super) fn is_new(&self) -> bool {
         self.segments.files().all(|file| self.paths.iter().any(|own| own == file))
     }

@@ -1,12 +1,13 @@
-//! The recorder: every topic into an MCAP file.
+//! The recorder: writes every topic into an MCAP file.
 //!
-//! It looks at its queues at a steady pace instead of being woken by every message: nobody in the loop pays a
-//! system call for it, and a lockstep plant waits when it falls behind (see [`whirlstand_msgs::Progress`]).
+//! It polls its queues at a steady pace instead of being woken by every message: it costs the loop no system
+//! call, and a lockstep plant waits when it falls behind (see [`whirlstand_msgs::Progress`]).
 //!
-//! Each file holds a part of one uninterrupted run. A recorder that finds `log.mcap` in place was restarted and writes
-//! `log.2.mcap`, then `log.3.mcap`; so does a recorder that sees the steps go back, which means that the plant
-//! was restarted, one whose file has reached its size or length, and one that could not write for a time. It begins no
-//! more runs than the plant can have starts: whatever else goes back is refused and counted.
+//! Each file holds a part of one uninterrupted run. A recorder that finds an existing `log.mcap` was
+//! restarted and writes `log.2.mcap`, then `log.3.mcap`; so does a recorder when the step number goes back,
+//! which means that the plant was restarted, when its file has reached its size or length, and after it could
+//! not write for a time. It begins no more runs than the plant can have starts: further runs are refused and
+//! counted.
 
 mod log_files;
 mod sink;
@@ -37,25 +38,25 @@ pub const POLL_PERIOD: Duration = Duration::from_millis(1);
 /// Time between two polls in realtime, where messages are few and the loop must not be disturbed.
 pub const POLL_PERIOD_REALTIME: Duration = Duration::from_millis(5);
 
-/// How long the last messages of a run may be on their way after the end was asked for.
+/// Longest wait for the last messages of a run after the end was requested.
 const LAST_MESSAGES: Duration = Duration::from_secs(2);
 
 /// The recorder as a state machine.
 pub struct Recorder {
     sink: Sink,
     topics: Topics,
-    /// `None` while no file can be written.
+    /// Channel of health messages; `None` while no file can be written.
     health: Option<Channel<Health>>,
     progress: Publisher<Progress>,
     peers: Peers,
     awaits: Vec<Role>,
-    /// Step and count that were last reported to the plant.
+    /// Step and count last reported to the plant.
     reported: Option<(u64, u64)>,
     refused: u64,
-    /// Runs of the plant so far, and at most.
+    /// Number of the plant's runs so far, and its maximum.
     runs: u32,
     most_runs: u32,
-    /// Whether a run that the plant cannot have begun was told of.
+    /// True when a refused run was reported.
     refused_run: bool,
     stopping: Option<Instant>,
     ended: bool,
@@ -98,7 +99,7 @@ impl Recorder {
         })
     }
 
-    /// Writes the messages that wait.
+    /// Writes the waiting messages.
     ///
     /// # Errors
     /// The transport fails; at the end, when the last part of the log could not be written.
@@ -110,7 +111,7 @@ impl Recorder {
             self.move_to_file();
         }
         let taken = self.taken();
-        // Truth first: what it has reached bounds how much of the other topics can be waiting.
+        // Truth first: its progress bounds the number of waiting messages of the other topics.
         for _ in 0..QUEUE_DEPTH {
             let Some(truth) = self.topics.truth.receive(&mut self.refused)? else { break };
             if self.topics.truth.step().is_some_and(|last| truth.head.step < last) {
@@ -134,8 +135,8 @@ impl Recorder {
         self.count();
         self.peers.turn(now)?;
         if let Some(until) = self.stopping {
-            // One more look takes what came while this one was under way; whoever goes on publishing does not keep the
-            // log from being finished.
+            // One more poll receives messages that arrived during this one; a publisher that continues does
+            // not prevent the log from being finished.
             if now >= until || !worked && self.has_all_of_the_run() {
                 return self.finish();
             }
@@ -143,12 +144,12 @@ impl Recorder {
         Ok(if worked { Turn::Worked } else { Turn::Idle })
     }
 
-    /// Asks for the end: what is still on its way is written first.
+    /// Requests the end: messages on their way are written first.
     pub fn stop(&mut self, now: Instant) {
         self.stopping.get_or_insert(now + LAST_MESSAGES);
     }
 
-    /// Number of messages that never reached the log.
+    /// Number of messages missing in the log.
     pub fn lost(&self) -> u64 {
         self.topics.lost() + self.sink.missed()
     }
@@ -158,7 +159,7 @@ impl Recorder {
         self.sink.written()
     }
 
-    /// Number of messages that came.
+    /// Number of messages received.
     fn taken(&self) -> u64 {
         self.sink.written() + self.sink.missed()
     }
@@ -169,7 +170,7 @@ impl Recorder {
         &self.peers.report
     }
 
-    /// The files written so far that were not removed.
+    /// Files written so far and not removed.
     pub fn paths(&self) -> &[PathBuf] {
         self.sink.files().paths()
     }
@@ -183,7 +184,7 @@ impl Recorder {
         Ok(Turn::Ended)
     }
 
-    /// Whether the plant has said which step was the last, and every topic has reached it.
+    /// True when the plant has reported its last step, and every topic has reached it.
     fn has_all_of_the_run(&self) -> bool {
         let Some(plant) = self.peers.health(Role::Plant) else { return false };
         let reached = |last: Option<u64>| last.is_some_and(|l| l >= plant.step);
@@ -196,7 +197,7 @@ impl Recorder {
                 || reached(self.topics.command.step()) && reached(self.topics.setpoint.step()))
     }
 
-    /// The plant was restarted.
+    /// Begins a new run after a restart of the plant.
     fn begin_run(&mut self) {
         self.runs += 1;
         self.topics.begin_run();
@@ -212,7 +213,7 @@ impl Recorder {
         self.health = self.sink.channel();
     }
 
-    /// Leaves out a message that would begin a run which the plant cannot have begun.
+    /// Refuses a message of a run that the plant cannot have begun.
     fn refuse_run(&mut self, step: u64) {
         if !std::mem::replace(&mut self.refused_run, true) {
             tracing::warn!(
@@ -226,7 +227,7 @@ impl Recorder {
 
     fn tell(&mut self, reached: Option<u64>, written: u64) -> Result<(), NodeError> {
         let step = reached.unwrap_or(0);
-        // Nothing written is news as well: it says that a recorder is there.
+        // A report without written messages is useful too: it announces the recorder.
         let written = if reached.is_some() { written } else { 0 };
         if self.reported.is_some_and(|reported| reported.0 == step) {
             return Ok(());
@@ -242,14 +243,15 @@ impl Recorder {
         let (written, lost) = (self.sink.written(), self.lost());
         let report = &mut self.peers.report;
         report.head.step = self.topics.truth.step().unwrap_or(0);
-        // What was counted and then lost with its file is among the lost; a count that falls would be a restart.
+        // Messages counted and then lost with their file are among the lost ones; a decreasing count would
+        // indicate a restart.
         report.steps = report.steps.max(written);
         report.lost = lost;
         report.rejected = self.refused;
     }
 }
 
-/// The effects that can be switched in flight, by their number from 1: those of the vehicle file first.
+/// Effects that can be switched in flight, by number from 1: those of the vehicle file first.
 fn switched(config: &NodeConfig, setup: &Setup) -> BTreeMap<u32, String> {
     let all = setup.vehicle.effects.iter().chain(&config.effects);
     let numbered = (1..).zip(all).filter(|(_, effect)| !effect.window().is_always());

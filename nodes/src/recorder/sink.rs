@@ -1,4 +1,4 @@
-//! Where the recorder's messages go: into the file at hand, or, while none can be written, nowhere.
+//! Destination of the recorder's messages: the current file, or nothing while none can be written.
 
 use std::time::{Duration, Instant};
 
@@ -9,33 +9,33 @@ use super::log_files::LogFiles;
 use super::sync::Syncer;
 use crate::error::NodeError;
 
-/// Time between two attempts to begin a file after one could not be written.
+/// Time between two attempts to begin a file after a write error.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// A time in which nothing can be written.
+/// Period in which nothing can be written.
 struct Outage {
     hole: Hole,
     retry: Instant,
 }
 
-/// Where the messages go.
+/// Destination of the recorder's messages.
 pub(super) struct Sink {
     files: LogFiles,
-    /// `None` in an outage, and after the end.
+    /// Writer of the current file; `None` in an outage, and after the end.
     log: Option<LogWriter>,
-    /// What panels understand by themselves, made of the messages.
+    /// Messages in formats that panels of log viewers understand, derived from the recorded ones.
     panels: Panels,
-    /// Their channels in the file at hand.
+    /// Channels of these messages in the current file.
     panel_channels: Option<PanelChannels>,
     outage: Option<Outage>,
     syncer: Syncer,
     /// Latest bench time of a message, ns.
     latest_ns: u64,
-    /// Bench time at which the file at hand begins; `None` before its first message.
+    /// Bench time at which the current file begins; `None` before its first message.
     began_ns: Option<u64>,
-    /// Messages in the files before the one at hand.
+    /// Number of messages in earlier files.
     before: u64,
-    /// Messages that could not be written.
+    /// Number of messages that could not be written.
     missed: u64,
 }
 
@@ -43,7 +43,7 @@ impl Sink {
     /// Begins the first file.
     ///
     /// # Errors
-    /// It cannot be created.
+    /// The file cannot be created.
     pub(super) fn open(mut files: LogFiles, panels: Panels) -> Result<Self, NodeError> {
         let system = |source| NodeError::System { action: "start the thread that syncs the log", source };
         let syncer = Syncer::start().map_err(system)?;
@@ -64,17 +64,17 @@ impl Sink {
         Ok(sink)
     }
 
-    /// The files.
+    /// Files of the recorder.
     pub(super) fn files(&self) -> &LogFiles {
         &self.files
     }
 
-    /// Messages that were written, all files together.
+    /// Number of messages written, over all files.
     pub(super) fn written(&self) -> u64 {
         self.before + self.log.as_ref().map_or(0, LogWriter::messages)
     }
 
-    /// Messages that could not be written.
+    /// Number of messages that could not be written.
     pub(super) fn missed(&self) -> u64 {
         self.missed
     }
@@ -92,12 +92,12 @@ impl Sink {
         }
     }
 
-    /// The plant begins a new run.
+    /// Marks the beginning of a new run of the plant.
     pub(super) fn begin_run(&mut self) {
         self.panels.begin_run();
     }
 
-    /// The channel for `M` in the file at hand; `None` while there is none.
+    /// Channel for `M` in the current file; `None` without a file.
     pub(super) fn channel<M: Message>(&mut self) -> Option<Channel<M>> {
         match self.log.as_mut()?.channel() {
             Ok(channel) => Some(channel),
@@ -142,7 +142,7 @@ impl Sink {
         }
     }
 
-    /// Gives up the file at hand.
+    /// Abandons the current file.
     fn break_off(&mut self, error: &WriteError) {
         let Some(log) = self.log.take() else { return };
         self.panel_channels = None;
@@ -150,7 +150,7 @@ impl Sink {
         self.give_up(log.messages(), log.unflushed(), error);
     }
 
-    /// Counts what a file that cannot be written did not get, and says why, once.
+    /// Counts the messages missing in a file that cannot be written, and reports the reason once.
     fn give_up(&mut self, messages: u64, unflushed: u64, error: &WriteError) {
         self.before += messages - unflushed;
         let from_ns = self.latest_ns;
@@ -163,7 +163,7 @@ impl Sink {
         self.miss(unflushed);
     }
 
-    /// Hands waiting messages to the system when they have waited long enough.
+    /// Flushes waiting messages to the system when they have waited long enough.
     pub(super) fn flush_if_due(&mut self, now: Instant) {
         if let Some(Err(error)) = self.log.as_mut().map(|log| log.flush_if_due(now)) {
             self.break_off(&error);
@@ -173,8 +173,8 @@ impl Sink {
         }
     }
 
-    /// Whether the next file has to begin: the one at hand has reached its size or its length, or none could be written
-    /// for a time.
+    /// True when the next file must begin: the current one has reached its size or its length, or none could
+    /// be written for a time.
     pub(super) fn is_file_due(&self, now: Instant) -> bool {
         let Some(log) = &self.log else {
             return self.outage.as_ref().is_some_and(|outage| now >= outage.retry);
@@ -185,7 +185,7 @@ impl Sink {
             || limits.bytes.is_some_and(|most| log.bytes().is_ok_and(|bytes| bytes >= most))
     }
 
-    /// Ends the file at hand, if there is one, and begins the next. False when it cannot be written.
+    /// Ends the current file, if any, and begins the next. False when it cannot be written.
     pub(super) fn begin_file(&mut self) -> bool {
         if let Some(log) = self.log.take() {
             let (messages, unflushed) = (log.messages(), log.unflushed());
@@ -210,7 +210,7 @@ impl Sink {
         }
     }
 
-    /// Creates the next file, with what it has to say of a hole before it.
+    /// Creates the next file, with a description of the hole before it.
     fn next_file(&mut self) -> Result<LogWriter, WriteError> {
         let mut log = self.files.next()?;
         if let Some(outage) = &self.outage {
@@ -226,7 +226,7 @@ impl Sink {
     /// Ends the log.
     ///
     /// # Errors
-    /// What of it could not be written.
+    /// A part of the log could not be written.
     pub(super) fn finish(&mut self) -> Result<(), NodeError> {
         if let Some(log) = self.log.take() {
             let (messages, unflushed) = (log.messages(), log.unflushed());

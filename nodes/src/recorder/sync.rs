@@ -1,22 +1,22 @@
-//! Puts the log on the disk itself, beside the recorder's own loop: a disk that takes its time stalls nobody.
+//! Synchronises the log to disk in a separate thread, so that a slow disk does not stall the recorder's loop.
 
 use std::fs::File;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Time between two syncs: what a loss of power may cost.
+/// Time between two syncs: the largest loss after a power failure.
 const SYNC_PERIOD: Duration = Duration::from_secs(1);
 
-/// What the thread is told.
+/// Orders to the thread.
 enum Order {
-    /// The file that is being written from now on.
+    /// Sync this file from now on.
     Follow(File),
-    /// No more is written into the file.
+    /// The file is complete.
     Close,
 }
 
-/// A thread that syncs the file at hand once a second, and one that is closed at once.
+/// Thread that syncs the current file once per second, and a closed one at once.
 pub(super) struct Syncer {
     orders: Option<Sender<Order>>,
     failures: Receiver<std::io::Error>,
@@ -41,19 +41,19 @@ impl Syncer {
         self.tell(Order::Follow(file));
     }
 
-    /// Syncs the file once more, and not again.
+    /// Syncs the file a last time.
     pub(super) fn close(&self) {
         self.tell(Order::Close);
     }
 
-    /// What went wrong since the last time that this was asked.
+    /// Error since the last call, if any.
     pub(super) fn failure(&self) -> Option<std::io::Error> {
         self.failures.try_iter().last()
     }
 
     fn tell(&self, order: Order) {
         if let Some(orders) = &self.orders {
-            // The thread ends with this end of the channel only.
+            // The thread ends only with this end of the channel.
             let _ = orders.send(order);
         }
     }
@@ -74,7 +74,7 @@ fn sync_until_told(orders: &Receiver<Order>, failures: &Sender<std::io::Error>) 
         let order = orders.recv_timeout(SYNC_PERIOD);
         if let Some(Err(error)) = file.as_ref().map(File::sync_data) {
             let _ = failures.send(error);
-            // The kernel tells a lost page once; the recorder goes on in another file.
+            // The kernel reports a lost page once; the recorder continues in another file.
             file = None;
         }
         match order {

@@ -1,4 +1,4 @@
-//! The topics of the loop on their way into the log.
+//! Topics of the loop, from the bus into the log.
 
 use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_logs::{BenchMessage, Channel};
@@ -11,21 +11,21 @@ use crate::error::NodeError;
 use crate::ports::receive;
 use crate::recorder::sink::Sink;
 
-/// Queue of each topic.
+/// Queue length of each topic.
 pub const QUEUE_DEPTH: usize = 1024;
 
 pub(super) struct Topic<M: Message> {
     subscriber: Subscriber<M>,
-    /// `None` while no file can be written.
+    /// Channel in the log; `None` while no file can be written.
     channel: Option<Channel<M>>,
     last: Option<M>,
     first: First,
 }
 
-/// What the first message of a topic tells to a recorder that begins with its bench: a publisher counts from 0, so that a
-/// first number above 0 says how many never came. Step 0 is repeated until everybody has heard it, and of those repeats none
-/// is missed: no more were lost than steps went by. A recorder that was started again comes late, and its first message
-/// tells nothing.
+/// Number of messages missed before the first one of a topic, for a recorder that begins with its bench: a
+/// publisher counts from 0, so that a first number above 0 gives the number of missing messages. Repetitions
+/// of step 0 do not count as missing: at most as many messages were lost as steps passed. For a restarted
+/// recorder the first message has no meaning.
 #[derive(Debug, Default)]
 struct First {
     is_awaited: bool,
@@ -49,8 +49,8 @@ where
         Ok(Self { subscriber: bus.subscriber(QUEUE_DEPTH)?, channel: sink.channel(), last: None, first })
     }
 
-    /// The next message, if one waits. A message that only repeats the one before is skipped: while a bench
-    /// starts, step 0 is repeated until everybody has heard it.
+    /// The next message, if one waits. A repeated message is skipped: while a bench starts, step 0 is
+    /// repeated until all nodes have received it.
     pub(super) fn receive(&mut self, refused: &mut u64) -> Result<Option<M>, NodeError> {
         while let Some(message) = receive(&mut self.subscriber, refused)? {
             self.first.note(message.head());
@@ -72,7 +72,8 @@ where
         sink.write(self.channel.as_ref(), message);
     }
 
-    /// Writes what waits, at most one queue full, so that the turn ends even when the publisher is faster.
+    /// Writes waiting messages, at most one full queue, so that the turn ends even when the publisher is
+    /// faster.
     fn drain(&mut self, sink: &mut Sink, refused: &mut u64) -> Result<(), NodeError> {
         for _ in 0..QUEUE_DEPTH {
             let Some(message) = self.receive(refused)? else { break };
@@ -93,12 +94,12 @@ where
 
 macro_rules! topics {
     ($leader:ident: $leading:ident, $($name:ident: $message:ident),* $(,)?) => {
-        /// The topics that carry the loop, on their way into the log.
+        /// All topics of the loop, from the bus into the log.
         pub(super) struct Topics {
-            /// What it has reached bounds how much of the others can be waiting.
+            /// Leading topic, whose progress bounds the number of waiting messages of the others.
             pub(super) $leader: Topic<$leading>,
             $(pub(super) $name: Topic<$message>,)*
-            /// What was asked for from outside; not of the loop, because several nodes answer.
+            /// Requests from outside; not part of the loop, because several nodes answer them.
             adjusted: Topic<Adjustment>,
         }
 
@@ -107,7 +108,7 @@ macro_rules! topics {
                 Ok(Self { $leader: Topic::open(bus, sink)?, $($name: Topic::open(bus, sink)?,)* adjusted: Topic::open(bus, sink)? })
             }
 
-            /// Writes what waits on each topic but the leading one, at most one queue full of it.
+            /// Writes the waiting messages of each topic but the leading one, at most one full queue each.
             pub(super) fn drain_followers(
                 &mut self,
                 sink: &mut Sink,
@@ -117,21 +118,21 @@ macro_rules! topics {
                 self.adjusted.drain(sink, refused)
             }
 
-            /// Goes on in another file.
+            /// Continues in another file.
             pub(super) fn move_to(&mut self, sink: &mut Sink) {
                 self.$leader.channel = sink.channel();
                 $(self.$name.channel = sink.channel();)*
                 self.adjusted.channel = sink.channel();
             }
 
-            /// Forgets the messages of the plant's run before.
+            /// Resets for a new run of the plant.
             pub(super) fn begin_run(&mut self) {
                 self.$leader.last = None;
                 $(self.$name.last = None;)*
                 self.adjusted.last = None;
             }
 
-            /// Messages that never reached the recorder, all topics together.
+            /// Number of messages that never reached the recorder, over all topics.
             pub(super) fn lost(&self) -> u64 {
                 [$(self.$name.lost(),)* self.adjusted.lost()].into_iter().fold(self.$leader.lost(), u64::saturating_add)
             }

@@ -1,7 +1,7 @@
-//! Relays: a controller that is no program of a bench, because it speaks UDP or ROS 2, takes part through one.
+//! Relays: connect a controller that is no program of a bench, because it speaks UDP or ROS 2.
 //!
-//! A relay is a node of its own (`exec = ["whirlstand", "relay", ...]`). It hands on what belongs to a step, and puts
-//! the answer on the bus as the command of that step.
+//! A relay is a node of its own (`exec = ["whirlstand", "relay", ...]`). It forwards the messages of a step,
+//! and publishes the answer on the bus as the command of that step.
 
 pub mod ros2;
 mod udp;
@@ -13,11 +13,11 @@ use whirlstand_msgs::{Command, flags};
 
 use crate::error::NodeError;
 
-/// Queue for what comes over the bus.
+/// Queue length for messages from the bus.
 const DEPTH: usize = 64;
 
-/// Puts commands on the bus: a repeated one under its own number, as the plant knows it. That there is none is no answer
-/// for good: a command may still come.
+/// Publishes commands on the bus: a repeated one with the same number, as the plant expects. A missing
+/// command is not final, as it may still arrive.
 struct Answers {
     commands: Publisher<Command>,
     last: Option<Command>,
@@ -39,7 +39,7 @@ impl Answers {
         Ok(())
     }
 
-    /// The command that was sent for a step already.
+    /// The command already sent for a step.
     fn of(&self, step: u64) -> Option<Command> {
         self.last.filter(|last| last.head.step == step && last.flags & flags::WITHHELD == 0)
     }

@@ -1,6 +1,7 @@
-//! A controller behind a UDP socket: every `Estimate` goes out as one datagram, every datagram that comes is a `Command`.
+//! Relay to a controller over a UDP socket: every `Estimate` is sent as one datagram, every received datagram
+//! is a `Command`.
 //!
-//! A datagram holds what Zenoh carries: the schema hash, then the message in postcard.
+//! A datagram contains the same as over Zenoh: the schema hash, then the message in postcard.
 
 use std::io::ErrorKind;
 use std::net::UdpSocket;
@@ -16,26 +17,26 @@ use crate::error::NodeError;
 use crate::os::{StopFlag, notify_ready};
 use crate::ports::receive;
 
-/// For how long the socket alone is watched for the answer to an estimate; then the bus is watched as well, which looks
-/// at the socket once a millisecond.
+/// Time for which only the socket is watched for the answer to an estimate; then the bus is watched as well,
+/// with a poll of the socket once per millisecond.
 const ANSWER: Timespec = Timespec { tv_sec: 0, tv_nsec: 2_000_000 };
 
-/// Time between two looks whether the end was asked for.
+/// Period of checks whether the end was requested.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// More than any message takes, bytes.
+/// Upper bound of a message's size, bytes.
 const LARGEST: usize = 2048;
 
 struct Relay<'a> {
     socket: &'a UdpSocket,
     answers: Answers,
     buffer: [u8; LARGEST],
-    /// Datagrams that were no command.
+    /// Number of datagrams that were no valid command.
     refused: u64,
 }
 
-/// Relays until the end is asked for. The socket is connected to the controller, so that the system refuses what others
-/// send.
+/// Relays until the end is requested. The socket is connected to the controller, so that the system refuses
+/// datagrams of others.
 ///
 /// # Errors
 /// [`NodeError`] when the bus or the socket fails. A controller that is not there yet is no error.
@@ -54,7 +55,7 @@ pub fn run_udp(bus: &Bus, socket: &UdpSocket, stop: &StopFlag) -> Result<(), Nod
             Ok::<_, NodeError>(next.is_some() || stop.is_set())
         })?;
         let Some(estimate) = next else { continue };
-        // An estimate comes again when its answer was lost or late: one that was given is good for good.
+        // An estimate is repeated when its answer was lost or late: the first answer is final.
         if let Some(command) = relay.answers.of(estimate.head.step) {
             relay.answers.send(&command)?;
             continue;
@@ -65,7 +66,7 @@ pub fn run_udp(bus: &Bus, socket: &UdpSocket, stop: &StopFlag) -> Result<(), Nod
             Err(e) if is_passing(e.kind()) => continue,
             Err(source) => return Err(NodeError::System { action: "send to the controller", source }),
         }
-        // What the system says here shows at the next look at the socket.
+        // Errors of the system recur at the next read of the socket.
         let _ = poll(&mut [PollFd::new(&socket.as_fd(), PollFlags::IN)], Some(&ANSWER));
         relay.take_answers()?;
     }
@@ -77,7 +78,7 @@ impl Relay<'_> {
         loop {
             let length = match self.socket.recv(&mut self.buffer) {
                 Ok(length) => length,
-                // Nobody listens at the other end yet.
+                // The other end is not listening yet.
                 Err(e) if e.kind() == ErrorKind::ConnectionRefused => continue,
                 Err(e) if is_passing(e.kind()) => return Ok(()),
                 Err(source) => {
@@ -97,7 +98,7 @@ impl Relay<'_> {
     }
 }
 
-/// Whether the next try may do: nothing there, no room, or nobody at the other end.
+/// True when the next attempt may succeed: no data, no space, or no peer.
 fn is_passing(kind: ErrorKind) -> bool {
     matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::ConnectionRefused)
 }

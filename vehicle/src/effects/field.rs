@@ -1,6 +1,6 @@
-//! Values of an effect's keys, as files write them.
+//! Values of an effect's keys, as written in files.
 
-/// The value of a key, as written.
+/// The value of a key, as written in a file.
 #[derive(Debug, Clone, PartialEq, serde::Deserialize)]
 #[serde(untagged)]
 pub enum FieldValue {

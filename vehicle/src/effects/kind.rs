@@ -1,6 +1,6 @@
-//! The effects that there are.
+//! The kinds of effects.
 
-/// Which effect.
+/// Kind of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[expect(missing_docs, reason = "each is described in the table")]
 pub enum Kind {

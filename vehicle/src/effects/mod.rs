@@ -1,4 +1,4 @@
-//! Effects: how a model is extended.
+//! Effects: extensions of a vehicle's model.
 //!
 //! An [`Effect`] is a part of the signal chain with a place (`where`) and named parameters in SI. The simulator
 //! runs it, identification fits it, diagnosis names it, the vehicle file keeps it. [`SPECS`] is the whole
@@ -40,10 +40,11 @@ use crate::error::EffectError;
 pub struct Effect {
     kind: Kind,
     place: String,
-    /// In the order of the table; `None` for a parameter that is not given and has no default.
+    /// Parameter values in the order of the table; `None` for a parameter that is not given and has no
+    /// default.
     values: Vec<Option<f64>>,
     text: Option<String>,
-    /// Dimensions of values that were written with a unit, until the vehicle is known that can confirm them.
+    /// Dimensions of values written with a unit, stored until they can be checked against the vehicle.
     written: Vec<(usize, Dimension)>,
     window: Window,
 }
@@ -67,7 +68,7 @@ impl Effect {
         Self::from_fields(Kind::ModeTransition, "vehicle", fields)
     }
 
-    /// Which effect.
+    /// Kind of the effect.
     pub fn kind(&self) -> Kind {
         self.kind
     }
@@ -77,12 +78,12 @@ impl Effect {
         &self.place
     }
 
-    /// What and where it is, in words.
+    /// The effect and its place, as text.
     pub fn told(&self) -> String {
         format!("{} at {}", self.kind, self.place)
     }
 
-    /// A parameter's value in SI, its default if it has one.
+    /// Value of a parameter in SI, or its default if it has one.
     pub fn parameter(&self, name: &str) -> Option<f64> {
         let index = self.kind.spec().parameters.iter().position(|p| p.name == name)?;
         self.values[index]
@@ -111,15 +112,15 @@ impl Effect {
         Ok(())
     }
 
-    /// When it acts.
+    /// Time window in which the effect acts.
     pub fn window(&self) -> Window {
         self.window
     }
 
-    /// The same effect for a part of the time.
+    /// The same effect, limited to a time window.
     ///
     /// # Errors
-    /// When the window is none.
+    /// When the window is invalid.
     pub fn during(mut self, window: Window) -> Result<Self, EffectError> {
         self.window = window;
         self.check_ranges()?;

@@ -1,4 +1,4 @@
-//! What the table says of an effect, and its name.
+//! Names of effects, and their entries in the table.
 
 use whirlstand_msgs::names::did_you_mean;
 
@@ -7,7 +7,7 @@ use super::table::{SPECS, Spec};
 use crate::error::{EffectError, list};
 
 impl Kind {
-    /// The row of the table.
+    /// The effect's row of the table.
     pub fn spec(self) -> &'static Spec {
         &SPECS[self as usize]
     }
@@ -22,10 +22,10 @@ impl Kind {
         SPECS.iter().map(|s| s.kind)
     }
 
-    /// The effect of that name.
+    /// The effect with the given name.
     ///
     /// # Errors
-    /// When there is none; the message names the nearest.
+    /// For an unknown name; the message suggests the nearest.
     pub fn from_name(name: &str) -> Result<Self, EffectError> {
         SPECS.iter().find(|s| s.name == name).map(|s| s.kind).ok_or_else(|| EffectError {
             effect: name.into(),

@@ -1,4 +1,4 @@
-//! Where an effect acts, once its `where` is resolved.
+//! Place of an effect in a vehicle, resolved from its `where`.
 
 use std::fmt;
 
@@ -17,17 +17,17 @@ pub enum Matrix {
 pub enum Place {
     /// An input.
     Input(usize),
-    /// From one input onto another.
+    /// A pair of inputs: from one onto another.
     InputPair(usize, usize),
     /// An output.
     Output(usize),
-    /// Two outputs.
+    /// A pair of outputs.
     OutputPair(usize, usize),
     /// A state.
     State(usize),
-    /// From one state onto the derivative of another.
+    /// A pair of states: from one onto the derivative of another.
     StatePair(usize, usize),
-    /// Matrix, row, column.
+    /// A matrix entry: matrix, row, column.
     Entry(Matrix, usize, usize),
     /// The vehicle as a whole.
     Vehicle,

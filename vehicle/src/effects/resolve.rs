@@ -1,4 +1,4 @@
-//! From the `where` of an effect to its place in a vehicle.
+//! Resolves the `where` of an effect to its place in a vehicle.
 
 use whirlstand_msgs::names::did_you_mean;
 
@@ -12,7 +12,7 @@ impl Effect {
     /// Finds the effect's place in `vehicle` and checks that values written with a unit fit it.
     ///
     /// # Errors
-    /// When the place does not exist or is of the wrong kind (the message says which are valid), or when a
+    /// When the place does not exist or is of the wrong kind (the message lists the valid ones), or when a
     /// unit does not fit.
     pub fn resolve(&self, vehicle: &Vehicle) -> Result<Place, EffectError> {
         let place = self.find_place(vehicle)?;
@@ -49,7 +49,7 @@ impl Effect {
         })
     }
 
-    /// Forgets in which units values were written, once they are known to fit.
+    /// Drops the stored units of values, after they have been checked.
     pub(crate) fn confirmed(mut self) -> Self {
         self.written.clear();
         self

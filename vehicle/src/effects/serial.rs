@@ -1,4 +1,4 @@
-//! Effects in files: any serde format, values as numbers in SI or as text with a unit.
+//! Serialisation of effects: any serde format, values as numbers in SI or as text with a unit.
 
 use std::fmt;
 
@@ -14,7 +14,7 @@ use super::window::{KEYS, Window};
 use crate::error::EffectError;
 
 impl Effect {
-    /// An effect from the keys of a table, `effect` and `where` aside.
+    /// An effect from the keys of a table, without `effect` and `where`.
     ///
     /// # Errors
     /// When a key is unknown or missing, a value is not finite, out of range, or in a unit that cannot fit.

@@ -1,8 +1,8 @@
-//! The table of effects: names, places and parameters. Everything else about them is derived from it.
+//! Table of effects: names, places and parameters, from which everything else about them is derived.
 
 use super::kind::Kind;
 
-/// What an effect's `where` names.
+/// Kind of place that an effect's `where` names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PlaceKind {
     /// One input.
@@ -23,10 +23,10 @@ pub enum PlaceKind {
     Vehicle,
 }
 
-/// What a parameter measures, given the place: how a value written with a unit is checked.
+/// Dimension of a parameter as a function of its place, to check a value written with a unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// A pure number.
+    /// A dimensionless number.
     One,
     /// Seconds.
     Time,
@@ -36,7 +36,7 @@ pub enum Scale {
     Angle,
     /// The unit of the signal or state at the place.
     Signal,
-    /// That unit per second.
+    /// The unit of the signal or state at the place, per second.
     SignalRate,
     /// 1/(unit s), so that coefficient x abs(x) is a derivative.
     Drag,
@@ -51,9 +51,9 @@ pub enum Scale {
 /// Whether a parameter must be given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Requirement {
-    /// It must.
+    /// The parameter must be given.
     Required,
-    /// It may be left out.
+    /// The parameter is optional, with this default.
     Default(f64),
     /// Exactly one of the effect's parameters of this kind must be given.
     OneOf,
@@ -62,21 +62,21 @@ pub enum Requirement {
 /// A numeric parameter of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
-    /// Name in files.
+    /// Name of the parameter in files.
     pub name: &'static str,
-    /// What it measures.
+    /// Dimension of the parameter.
     pub scale: Scale,
     /// Smallest valid value.
     pub lower: f64,
     /// Largest valid value.
     pub upper: f64,
-    /// Whether it must be given.
+    /// Whether the parameter must be given.
     pub requirement: Requirement,
 }
 
 impl Parameter {
-    /// The unit that belongs to the parameter wherever it stands, as in `delay_s`; empty for a pure number, `None` where
-    /// the place decides.
+    /// Fixed unit of the parameter independent of the place, as of `delay_s`; empty for a dimensionless
+    /// number, `None` where the place determines it.
     pub fn own_unit(&self) -> Option<&'static str> {
         match self.scale {
             Scale::One => Some(""),
@@ -89,25 +89,25 @@ impl Parameter {
     }
 }
 
-/// One row of the table.
+/// One row of the table: an effect with its place and parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spec {
-    /// The effect.
+    /// Kind of the effect.
     pub kind: Kind,
-    /// Name in files.
+    /// Name of the effect in files.
     pub name: &'static str,
-    /// What it does, in a few words.
+    /// Short description of the effect.
     pub summary: &'static str,
-    /// What `where` names.
+    /// Kind of place that `where` names.
     pub place: PlaceKind,
     /// Numeric parameters.
     pub parameters: &'static [Parameter],
-    /// A parameter that is text, and whether it is required.
+    /// Name of the text parameter, if any, and whether it is required.
     pub text: Option<(&'static str, bool)>,
 }
 
 const INF: f64 = f64::INFINITY;
-/// Longest delay that is simulated, s; the memory of a delay grows with it.
+/// Longest simulated delay, s; the memory of a delay is proportional to it.
 const LONGEST_DELAY: f64 = 60.0;
 
 const fn p(name: &'static str, scale: Scale, lower: f64, upper: f64) -> Parameter {

@@ -1,4 +1,4 @@
-//! What the parameters of an effect are measured in, at its place in a vehicle.
+//! Units of an effect's parameters, at its place in a vehicle.
 
 use whirlstand_msgs::units::{Dimension, Quantity, ShownUnit, Unit, clean, two_readings};
 
@@ -10,32 +10,32 @@ use crate::error::EffectError;
 use crate::model::Vehicle;
 use crate::signal_unit::SignalUnit;
 
-/// What a parameter of an effect is measured in.
+/// Unit of an effect's parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterUnit {
     kind: UnitKind,
-    /// As the vehicle file's own units have it.
+    /// The unit in terms of the vehicle file's own units.
     unit: Unit,
-    /// The text of `unit`, where it can be written.
+    /// Text of `unit`, where it can be written as a symbol.
     symbol: Option<String>,
-    /// The text of `unit` for a reader, with `per`.
+    /// Text of `unit` for a reader, with `per`.
     apart: String,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 enum UnitKind {
-    /// The parameter's name says it (`delay_s`), or it is a pure number.
+    /// The parameter's name contains the unit (`delay_s`), or the number is dimensionless.
     Named,
-    /// That of a signal, or of its derivative.
+    /// The unit of a signal, or of its derivative.
     Signal(SignalUnit),
-    /// That of a matrix entry: SI in an effect, the declared units in the matrix itself.
+    /// The unit of a matrix entry: SI in an effect, the declared units in the matrix itself.
     Entry,
     /// A coefficient of powers of signals, in SI.
     Composite,
 }
 
 impl ParameterUnit {
-    /// Symbol of the SI unit; empty for a pure number.
+    /// Symbol of the SI unit; empty for a dimensionless number.
     pub fn si_symbol(&self) -> String {
         match self.kind {
             UnitKind::Named => self.symbol.clone().unwrap_or_default(),
@@ -43,12 +43,12 @@ impl ParameterUnit {
         }
     }
 
-    /// How values in SI are shown to a reader: in the unit of the vehicle file for signals and entries that have one, in SI for
-    /// coefficients.
+    /// Unit in which SI values are shown to a reader: that of the vehicle file for signals and entries that
+    /// have one, SI for coefficients.
     pub fn in_words(&self) -> ShownUnit {
         match (&self.kind, &self.symbol) {
             (UnitKind::Signal(signal), _) => signal.shown(),
-            // 1/s^2, not rad/s^2/rad.
+            // As 1/s^2, not rad/s^2/rad.
             (UnitKind::Entry, Some(symbol))
                 if !(self.unit.is_si() && self.si_symbol().len() <= symbol.len()) =>
             {
@@ -58,7 +58,8 @@ impl ParameterUnit {
         }
     }
 
-    /// A value in SI for a reader, with its unit: that of the vehicle file for signals, of SI for coefficients.
+    /// Text of an SI value for a reader, with its unit: that of the vehicle file for signals, SI for
+    /// coefficients.
     pub fn shown(&self, si: f64) -> String {
         let (value, symbol) = match &self.kind {
             UnitKind::Signal(signal) if signal.is_one() => (si, String::new()),
@@ -68,8 +69,8 @@ impl ParameterUnit {
         format!("{} {symbol}", clean(value)).trim_end().to_string()
     }
 
-    /// Symbol of the unit that the vehicle file itself has for it, with `per` where none can be written in one, or only in more
-    /// base units than that takes: `A/s per V`, not `s^2*A^2/kg/m^2`.
+    /// Symbol of the unit in the vehicle file's own units, with `per` where no symbol can be written, or only
+    /// with more base units: `A/s per V`, not `s^2*A^2/kg/m^2`.
     pub(crate) fn shown_symbol(&self) -> String {
         let si = self.unit.si_symbol();
         match &self.symbol {
@@ -80,12 +81,12 @@ impl ParameterUnit {
         }
     }
 
-    /// The unit itself, as the vehicle file's own units have it.
+    /// The unit in terms of the vehicle file's own units.
     pub(crate) fn unit(&self) -> &Unit {
         &self.unit
     }
 
-    /// Why a number without a unit cannot be taken, with both of its readings; `None` where it can.
+    /// Reason why a number without a unit is ambiguous, with both readings; `None` where it is not.
     pub(crate) fn two_readings(&self, value: f64) -> Option<String> {
         match &self.kind {
             UnitKind::Named | UnitKind::Composite => None,
@@ -94,8 +95,8 @@ impl ParameterUnit {
         }
     }
 
-    /// A value in SI as a vehicle file has it: it reads back as the same number, and its unit stands beside it unless
-    /// the parameter's name says it, or it has none.
+    /// Text of an SI value for a vehicle file: it reads back as the same number, and has its unit unless the
+    /// parameter's name contains it, or there is none.
     pub(crate) fn written(&self, si: f64) -> String {
         let bare = match &self.kind {
             UnitKind::Named => true,
@@ -118,7 +119,7 @@ impl ParameterUnit {
 }
 
 impl Effect {
-    /// What a parameter of an effect of this kind would be measured in at a place; `None` when the effect has no such
+    /// Unit of a parameter of an effect of this kind at a place; `None` when the effect has no such
     /// parameter, or the vehicle no such place.
     pub fn unit_at(kind: Kind, place: &str, parameter: &str, vehicle: &Vehicle) -> Option<ParameterUnit> {
         let values = vec![None; kind.spec().parameters.len()];
@@ -127,7 +128,7 @@ impl Effect {
         effect.unit(parameter, vehicle)
     }
 
-    /// What a parameter is measured in; `None` when the effect has no such parameter, or no place in the vehicle.
+    /// Unit of a parameter; `None` when the effect has no such parameter, or its place is not in the vehicle.
     pub fn unit(&self, parameter: &str, vehicle: &Vehicle) -> Option<ParameterUnit> {
         let place = self.find_place(vehicle).ok()?;
         let parameter = self.kind.spec().parameters.iter().find(|p| p.name == parameter)?;
@@ -153,11 +154,10 @@ impl Effect {
         Ok(())
     }
 
-    /// Checks that no value stands without a unit that could be meant in another than SI, as in a file that declares
-    /// degrees.
+    /// Checks that no value without a unit is ambiguous, as in a file that declares degrees.
     ///
     /// # Errors
-    /// With both readings of the number.
+    /// For an ambiguous number; the message gives both readings.
     pub(crate) fn check_bare(&self, vehicle: &Vehicle, place: Place) -> Result<(), EffectError> {
         let signals = signals(vehicle, place);
         for (index, parameter) in self.kind.spec().parameters.iter().enumerate() {
@@ -173,7 +173,7 @@ impl Effect {
     }
 }
 
-/// Units of the first and the second signal of a place: what an entry is multiplied by, and what comes of it.
+/// Units of the first and the second signal of a place: the factor of an entry, and its product.
 fn signals(vehicle: &Vehicle, place: Place) -> (SignalUnit, SignalUnit) {
     let one = SignalUnit::default;
     let input = |i: usize| vehicle.inputs[i].unit.clone();
@@ -210,7 +210,7 @@ fn unit(parameter: &Parameter, (first, second): &(SignalUnit, SignalUnit)) -> Pa
         apart: signal.to_string(),
         kind: UnitKind::Signal(signal),
     };
-    // Exponents of real units stay far inside i8; a unit beyond that cannot match.
+    // Exponents of physical units are far below the range of i8; a unit beyond it cannot match.
     let composite = |unit: Option<Unit>| ParameterUnit {
         kind: UnitKind::Composite,
         unit: Unit::coherent(unit.unwrap_or(Unit::ONE).dimension()),
@@ -223,7 +223,7 @@ fn unit(parameter: &Parameter, (first, second): &(SignalUnit, SignalUnit)) -> Pa
         Scale::Drag => composite(per_second.times(first.unit(), -1)),
         Scale::Cubic => composite(second.unit().times(first.unit(), -3)),
         Scale::Entry | Scale::Coupling if first.is_one() => {
-            // What an input without a unit does is in the unit of what it moves.
+            // The effect of a dimensionless input has the unit of what it moves.
             ParameterUnit { kind: UnitKind::Entry, ..signal(second.clone()) }
         }
         Scale::Entry | Scale::Coupling => {

@@ -1,34 +1,34 @@
-//! When an effect acts.
+//! Time windows of effects.
 
-/// Keys of a window.
+/// Keys of a window in files.
 pub(super) const KEYS: [&str; 2] = ["from_s", "until_s"];
 
-/// A part of the time axis, from the simulator's start: from the first moment on, until before the second.
+/// A time window on the simulator's clock, from `from_s` (inclusive) to `until_s` (exclusive).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Window {
-    /// Beginning, s; always so far without it.
+    /// Beginning, s; unbounded without it.
     pub from_s: Option<f64>,
-    /// End, s; for ever without it.
+    /// End, s; unbounded without it.
     pub until_s: Option<f64>,
 }
 
 impl Window {
-    /// Whether the whole time is meant.
+    /// True for an unbounded window.
     pub fn is_always(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Whether a moment lies in it.
+    /// True when the time `t` is in the window.
     pub fn holds(&self, t: f64) -> bool {
         self.from_s.is_none_or(|from| t >= from) && self.until_s.is_none_or(|until| t < until)
     }
 
-    /// Both ends that are given, by the names of their keys.
+    /// The given ends, with the names of their keys.
     pub(crate) fn ends(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
         KEYS.into_iter().zip([self.from_s, self.until_s]).filter_map(|(key, end)| Some((key, end?)))
     }
 
-    /// What is wrong with it, if anything, and at which key.
+    /// Error of the window, if any, with its key.
     pub(super) fn fault(&self) -> Option<(&'static str, String)> {
         if let Some((key, end)) = self.ends().find(|(_, end)| !(end.is_finite() && *end >= 0.0)) {
             return Some((key, format!("must be at least 0 s, but is {end} s")));

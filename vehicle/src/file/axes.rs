@@ -1,8 +1,8 @@
-//! The optional axes of a vehicle file, `[yaw]` and `[vertical]`: first-order models beside the file's own, decoupled
-//! from it.
+//! Optional axes of a vehicle file, `[yaw]` and `[vertical]`: first-order models decoupled from the file's
+//! own model.
 //!
-//! The rate r of an axis follows its input u as dr/dt = (gain u - r) / time constant, and its angle or height is the
-//! integral of the rate. Both axes become ordinary states and inputs, behind those of the file.
+//! The rate r of an axis responds to its input u by dr/dt = (gain u - r) / time constant, and its angle or
+//! height is the integral of the rate. Both axes become ordinary states and inputs, after those of the file.
 
 use nalgebra::DMatrix;
 use whirlstand_msgs::units::Unit;
@@ -29,10 +29,10 @@ pub(super) struct Axis {
     input: Input,
 }
 
-/// The axes that the file has.
+/// The axes in the file.
 ///
 /// # Errors
-/// An unknown key, a missing gain or time constant, a value that cannot be, or a name that the file has already.
+/// An unknown key, a missing gain or time constant, an invalid value, or a name already used in the file.
 pub(super) fn axes(file: &Table<'_>, states: &[State], inputs: &[Input]) -> Result<Vec<Axis>, FileError> {
     let mut axes = Vec::new();
     for (key, [integral, rate, input], [unit, rate_unit]) in AXES {
@@ -77,7 +77,7 @@ pub(super) fn axes(file: &Table<'_>, states: &[State], inputs: &[Input]) -> Resu
     Ok(axes)
 }
 
-/// Adds the axes to a model: states, inputs, A and B grow.
+/// Appends the axes to a model: states, inputs, A and B grow.
 pub(super) fn append(
     axes: Vec<Axis>,
     states: &mut Vec<State>,

@@ -1,14 +1,15 @@
-//! Rows of a matrix that copy a signal without converting its unit: `C = I` from rad to deg says 1 deg per rad.
+//! Detects rows of a matrix that copy a signal without converting its unit: `C = I` from rad to deg means 1
+//! deg per rad.
 
 use whirlstand_msgs::units::number;
 
 use crate::signal_unit::SignalUnit;
 
-/// A signal with its unit, as a matrix sees it.
+/// Name and unit of a signal.
 pub(super) type Signal<'a> = (&'a str, &'a SignalUnit);
 
-/// Why a row of C or D, or of A or B when it is for a derivative, cannot be meant: its only entry is 1 or -1 and stands
-/// between two units of one kind. The index of the entry, and what to write.
+/// Finds an error in a row of C or D, or of A or B for a derivative: its only entry is 1 or -1 although the
+/// two units of one kind differ. Returns the index of the entry, and the correct text.
 pub(super) fn unconverted(
     matrix: &str,
     entries: &[f64],

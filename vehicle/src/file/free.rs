@@ -1,4 +1,4 @@
-//! The parts of a vehicle file that identification reads and writes: `free`, `fit` and `provenance`.
+//! Parts of a vehicle file that identification reads and writes: `free`, `fit` and `provenance`.
 
 use std::fmt::Write as _;
 
@@ -66,7 +66,7 @@ fn one(node: &Node<'_>, vehicle: &Vehicle) -> Result<Free, FileError> {
     Ok(Free { target, lower, upper, start })
 }
 
-/// A bound or start in SI: in the units of the matrix for an entry, otherwise as the effect itself would have it.
+/// A bound or start in SI: in the units of the matrix for an entry, otherwise as in the effect itself.
 fn free_value(node: &Node<'_>, vehicle: &Vehicle, target: &Target, factor: f64) -> Result<f64, FileError> {
     let unit = match target {
         Target::Entry(..) => None,
@@ -81,7 +81,7 @@ fn free_value(node: &Node<'_>, vehicle: &Vehicle, target: &Target, factor: f64) 
 }
 
 fn entry_target(node: &Node<'_>, vehicle: &Vehicle) -> Result<Target, FileError> {
-    // The syntax of a matrix entry is that of parameter_change.
+    // A matrix entry has the syntax of parameter_change.
     let probe = Effect::new(Kind::ParameterChange, node.text()?, &[("value", 0.0)])
         .and_then(|e| e.resolve(vehicle))
         .map_err(|e| node.error(e.reason))?;
@@ -139,7 +139,7 @@ pub fn provenance(file: &Table<'_>) -> Result<Provenance, FileError> {
     table.entries().map(|(key, value)| Ok((key.to_string(), value.text()?.to_string()))).collect()
 }
 
-/// Writes what the three read.
+/// Writes `free`, `fit` and `provenance`.
 pub fn push_free(text: &mut String, vehicle: &Vehicle) {
     if !vehicle.free.is_empty() {
         push(text, "\n# Parameters that identification may change.");
@@ -163,7 +163,7 @@ pub fn push_free(text: &mut String, vehicle: &Vehicle) {
                 Target::Effect(index, name) => vehicle.effects[*index].unit(name, vehicle),
             };
             let written = |si| unit.as_ref().map_or_else(|| number(si, factor), |unit| unit.written(si));
-            // Writing to a String cannot fail.
+            // Writing to a String is infallible.
             let _ = write!(line, ", lower = {}, upper = {}", written(f.lower), written(f.upper));
             if let Some(start) = f.start {
                 let _ = write!(line, ", start = {}", written(start));

@@ -1,4 +1,4 @@
-//! The part of a vehicle file that says what logs call its signals: `map`.
+//! The part of a vehicle file that maps signals to their names in logs: `map`.
 
 use super::table::Table;
 use super::text::{push, quoted};
@@ -8,7 +8,7 @@ use crate::model::Vehicle;
 /// The name of a record's time axis, which can be mapped like a signal.
 const TIME: &str = "t";
 
-/// Reads `map`: a table of inputs and outputs (and `t`, the time), each with the log's name for it.
+/// Reads `map`: a table of inputs and outputs (and `t`, the time), each with its name in logs.
 pub fn map(file: &Table<'_>, vehicle: &Vehicle) -> Result<Vec<(String, String)>, FileError> {
     let Some(node) = file.get("map") else { return Ok(Vec::new()) };
     let inputs = vehicle.inputs.iter().map(|input| input.name.as_str());
@@ -25,7 +25,7 @@ pub fn map(file: &Table<'_>, vehicle: &Vehicle) -> Result<Vec<(String, String)>,
     table.entries().map(one).collect()
 }
 
-/// Writes what [`map`] reads.
+/// Writes `map`.
 pub fn push_map(text: &mut String, vehicle: &Vehicle) {
     if vehicle.map.is_empty() {
         return;

@@ -1,4 +1,4 @@
-//! From text to [`Vehicle`].
+//! Parses the text of a vehicle file into a [`Vehicle`].
 
 use nalgebra::DMatrix;
 use toml::de::DeTable;
@@ -61,7 +61,7 @@ impl Vehicle {
         let outputs = outputs(&file, &states)?;
         let rows = (&outputs.iter().map(|o| (o.name.as_str(), &o.unit)).collect::<Vec<_>>()[..], "output");
         let c = match matrix(&file, "C", rows, (&state_signals, "state"), false)? {
-            // C and D speak of the file's own states and inputs.
+            // C and D refer to the file's own states and inputs.
             Some(c) => c.resize(outputs.len(), states.len(), 0.0),
             None => outputs_name_states(&file, &outputs, &states)?,
         };
@@ -101,7 +101,7 @@ impl Vehicle {
     }
 }
 
-/// Where the file lies; `None` for a bare name.
+/// Folder of the file; `None` for a bare name.
 fn folder_of(origin: &str) -> Option<std::path::PathBuf> {
     std::path::Path::new(origin).parent().filter(|p| !p.as_os_str().is_empty()).map(Into::into)
 }
@@ -114,7 +114,7 @@ fn signals_of_inputs(inputs: &[Input]) -> Vec<Signal<'_>> {
     inputs.iter().map(|s| (s.name.as_str(), &s.unit)).collect()
 }
 
-/// Elements of an array of tables; a bare name stands for a table with nothing but that name.
+/// Elements of an array of tables; a bare name stands for a table that has only this name.
 fn signals<'a>(file: &Table<'a>, key: &str) -> Result<Vec<Node<'a>>, FileError> {
     let nodes = file.requirement(key)?.array()?;
     if nodes.is_empty() {
@@ -128,7 +128,7 @@ fn unit(table: &Table<'_>) -> Result<SignalUnit, FileError> {
     node.text()?.parse().map_err(|e: whirlstand_msgs::units::UnitError| node.error(e.to_string()))
 }
 
-/// Adds the name to those seen.
+/// Adds the name to those already used.
 fn unique(node: &Node<'_>, seen: &mut Vec<String>) -> Result<String, FileError> {
     let name = node.name()?;
     if seen.contains(&name) {
@@ -241,7 +241,7 @@ fn vibration(node: &Node<'_>, unit: &SignalUnit) -> Result<Vibration, FileError>
     })
 }
 
-/// A matrix in the declared units, turned to SI: entry times (unit of the row / unit of the column).
+/// A matrix in the declared units, converted to SI: entry times (unit of the row / unit of the column).
 fn matrix(
     file: &Table<'_>,
     key: &str,
@@ -273,14 +273,15 @@ fn matrix(
             return Err(entries[j].error(reason));
         }
         for (j, number) in numbers.into_iter().enumerate() {
-            // The ratio first: it is exactly 1 between equal units, and the paper's digits stay as they are.
+            // The ratio is computed first: it is exactly 1 between equal units, so that the paper's digits
+            // are unchanged.
             matrix[(i, j)] = number * (rows[i].1.factor() / columns[j].1.factor());
         }
     }
     Ok(Some(matrix))
 }
 
-/// Without C every output measures the state of its own name.
+/// Without C every output measures the state of the same name.
 fn outputs_name_states(
     file: &Table<'_>,
     outputs: &[Output],

@@ -1,4 +1,4 @@
-//! A TOML document whose every part knows its place, so that an error can name line and field.
+//! A TOML document in which every node has its location, so that an error can name line and field.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -9,7 +9,7 @@ use whirlstand_msgs::names::did_you_mean;
 use crate::error::{FileError, list};
 use crate::signal_unit::SignalUnit;
 
-/// The text a node belongs to.
+/// The text that contains a node.
 #[derive(Clone, Copy)]
 pub struct Source<'a> {
     pub file: &'a str,
@@ -35,7 +35,7 @@ pub struct Node<'a> {
     path: String,
 }
 
-/// A table whose keys have been checked.
+/// A table with checked keys.
 pub struct Table<'a> {
     source: Source<'a>,
     entries: &'a DeTable<'a>,
@@ -64,7 +64,7 @@ impl<'a> Node<'a> {
         self.value.as_str().ok_or_else(|| self.expected("a string in quotes"))
     }
 
-    /// A name: not empty, without the characters that have a meaning in an effect's `where`.
+    /// A valid name: not empty, without the characters that have a meaning in an effect's `where`.
     pub fn name(&self) -> Result<String, FileError> {
         let name = self.text()?;
         let valid = |c: char| c.is_alphanumeric() || c == '_' || c == '-' || c == '.';
@@ -90,7 +90,7 @@ impl<'a> Node<'a> {
         Ok(value)
     }
 
-    /// A number in `unit`, or a text with a unit of the same kind; the value in SI.
+    /// A number in `unit`, or a text with a unit of the same dimension; returns the value in SI.
     pub fn quantity(&self, unit: &Unit) -> Result<f64, FileError> {
         let Some(text) = self.value.as_str() else {
             return Ok(unit.to_si(self.number()?));
@@ -99,7 +99,8 @@ impl<'a> Node<'a> {
         Ok(unit.to_si(quantity.in_unit(unit).map_err(|e| self.error(e.to_string()))?))
     }
 
-    /// A text with a unit of the kind that is expected, or a number where it can have one meaning only; the value in SI.
+    /// A text with a unit of the expected dimension, or a number where it is unambiguous; returns the value
+    /// in SI.
     pub fn signal_value(&self, unit: &SignalUnit) -> Result<f64, FileError> {
         if self.is_text() {
             return self.quantity(unit.unit());
@@ -108,7 +109,7 @@ impl<'a> Node<'a> {
         unit.two_readings(value).map_or(Ok(value), |reason| Err(self.error(reason)))
     }
 
-    /// As [`Node::quantity`], not negative.
+    /// A quantity as [`Node::quantity`] that is not negative.
     pub fn magnitude(&self, unit: &Unit) -> Result<f64, FileError> {
         let value = self.quantity(unit)?;
         if value < 0.0 {
@@ -121,7 +122,7 @@ impl<'a> Node<'a> {
         self.value.is_str()
     }
 
-    /// A whole number from 1 on.
+    /// An integer of at least 1.
     pub fn count(&self) -> Result<u32, FileError> {
         let value = self.number()?;
         if value < 1.0 || value > f64::from(u32::MAX) || value.fract() != 0.0 {
@@ -140,14 +141,14 @@ impl<'a> Node<'a> {
             .collect())
     }
 
-    /// A table with no other keys than `known`.
+    /// A table whose keys must all be in `known`.
     pub fn table(&self, known: &[&str]) -> Result<Table<'a>, FileError> {
         let table = self.open_table()?;
         table.check_keys(known)?;
         Ok(table)
     }
 
-    /// A table whose keys the caller checks.
+    /// A table whose keys are checked by the caller.
     pub fn open_table(&self) -> Result<Table<'a>, FileError> {
         let entries = self.value.as_table().ok_or_else(|| self.expected("a table { ... }"))?;
         Ok(Table { source: self.source, entries, offset: self.offset, path: self.path.clone() })

@@ -1,4 +1,4 @@
-//! From [`Vehicle`] to text.
+//! Writes a [`Vehicle`] as the text of a vehicle file.
 
 use nalgebra::DMatrix;
 
@@ -130,7 +130,7 @@ fn push_matrix(
     push(text, "]");
 }
 
-/// Values with their units, and in those that the file declares for its signals.
+/// Writes effects, with values in the units that the file declares for its signals.
 fn push_effects(text: &mut String, effects: &[Effect], vehicle: &Vehicle) {
     for effect in effects {
         if !text.ends_with('\n') && !text.is_empty() {

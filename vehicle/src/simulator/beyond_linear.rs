@@ -1,29 +1,30 @@
-//! What a linear model leaves out and a law or filter can still know: static effects on inputs, and friction.
+//! Effects outside the linear model that a law or filter can still model: static effects on inputs, and
+//! friction.
 
 use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
 use crate::model::Vehicle;
 
-/// What happens to a command before it moves anything, in the order in which it happens. All in commands counted from the
-/// trim, the gain of the input taken off, and at every time: effects that act for a part of the time are left out.
+/// Static effects on a command, in the order in which they act. All values are in commands counted from the
+/// trim, divided by the gain of the input; effects with a time window are left out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InputEffects {
     /// The command is multiplied by `1 + drift_per_s t`, t since the start of the run, before the trim is counted.
     pub drift_per_s: f64,
     /// Half-width of the dead zone.
     pub dead_zone: f64,
-    /// Least value that passes.
+    /// Lower saturation limit.
     pub lower: f64,
-    /// Greatest value that passes.
+    /// Upper saturation limit.
     pub upper: f64,
-    /// Fastest change, per second.
+    /// Largest rate of change, per second.
     pub rate_per_s: f64,
-    /// Full width of the play.
+    /// Full width of the backlash.
     pub backlash: f64,
 }
 
 impl InputEffects {
-    /// An input that does as it is told.
+    /// An input without static effects.
     pub const NONE: Self = Self {
         drift_per_s: 0.0,
         dead_zone: 0.0,
@@ -33,8 +34,8 @@ impl InputEffects {
         backlash: 0.0,
     };
 
-    /// Takes over one effect of an input of this gain, which is not zero. Several of a kind are one: dead zones, plays and
-    /// (to first order) drifts add, the narrowest limit holds.
+    /// Adds one effect of an input with this gain, which is not zero. Effects of one kind are combined: dead
+    /// zones, backlashes and (to first order) drifts add, the narrowest limit holds.
     fn take(&mut self, effect: &Effect, gain: f64) {
         let size = gain.abs();
         match effect.kind() {
@@ -55,11 +56,11 @@ impl InputEffects {
 /// Coulomb friction on a state: `-level sign(x) - asymmetry` on its derivative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Friction {
-    /// The state.
+    /// Index of the state.
     pub state: usize,
-    /// Size of the part that changes sign, the state's unit per second.
+    /// Magnitude of the part that opposes the motion, the state's unit per second.
     pub level: f64,
-    /// The part that does not.
+    /// Constant part, the state's unit per second.
     pub asymmetry: f64,
 }
 
@@ -81,7 +82,7 @@ pub fn input_effects(vehicle: &Vehicle) -> Result<Vec<InputEffects>, SimulatorEr
     Ok(found)
 }
 
-/// Coulomb friction of every state that has some.
+/// Coulomb friction of every state that has it.
 ///
 /// # Errors
 /// [`SimulatorError`] when an effect does not fit the vehicle.

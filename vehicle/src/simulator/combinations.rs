@@ -1,4 +1,5 @@
-//! A vehicle with some of its effects switched off: every combination of those that change its matrices, delays or rows of outputs.
+//! Variants of a vehicle with some of its effects switched off: every combination of effects that change its
+//! matrices, delays or output rows.
 
 use super::compile::{Row, System};
 use super::switch::Switch;
@@ -6,10 +7,10 @@ use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
 use crate::model::Vehicle;
 
-/// Effects of these kinds that can be switched in one vehicle; matrices are needed for two to the power of it.
+/// Largest number of such switchable effects in a vehicle; the number of matrices is two to the power of it.
 const MOST: usize = 6;
 
-/// Whether switching the effect takes other matrices or delays.
+/// True when switching the effect changes matrices or delays.
 fn is_chosen(effect: &Effect) -> bool {
     let kind = matches!(
         effect.kind(),
@@ -25,27 +26,29 @@ fn is_chosen(effect: &Effect) -> bool {
     kind && !effect.window().is_always()
 }
 
-/// One combination.
+/// One combination of switched effects.
 #[derive(Debug, Clone)]
 pub struct Combination {
-    /// Whether each effect of the vehicle acts, as far as its kind is one of these.
+    /// For each effect of the vehicle that is switched this way, whether it acts.
     acts: Vec<bool>,
     /// The augmented system; its states are the same in all combinations.
     pub system: System,
 }
 
-/// The switches, and what each combination of them makes of the vehicle.
+/// The switches, and the vehicle's model for each combination of them.
 #[derive(Debug, Clone)]
 pub struct Combinations {
     /// The switches, in the order of the effects.
     pub switches: Vec<Switch>,
-    /// Bit i of the index: switch i is on.
+    /// All combinations; bit i of the index means that switch i is on.
     pub all: Vec<Combination>,
 }
 
 impl Combinations {
+    /// Compiles all combinations.
+    ///
     /// # Errors
-    /// When more effects are to be switched than matrices are kept for, or one does not fit.
+    /// When more effects are switched than the largest number, or one does not fit.
     pub fn new(vehicle: &Vehicle, effects: &[(Effect, Place)]) -> Result<Self, SimulatorError> {
         let chosen: Vec<usize> = (0..effects.len()).filter(|i| is_chosen(&effects[*i].0)).collect();
         if chosen.len() > MOST {
@@ -62,7 +65,7 @@ impl Combinations {
         })
     }
 
-    /// The sum of the delays of a kind at a place, for every combination.
+    /// Total delay of a kind at a place, for every combination.
     pub fn delays_s(&self, effects: &[(Effect, Place)], kind: Kind, at: Place) -> Vec<f64> {
         let meant = |(effect, place): &(Effect, Place)| effect.kind() == kind && *place == at;
         let of = |one: &Combination| {

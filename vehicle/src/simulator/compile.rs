@@ -19,7 +19,7 @@ pub struct Form {
     pub v: RowDVector<f64>,
 }
 
-/// A sparse [`Form`], for evaluation.
+/// A sparse [`Form`] for evaluation.
 #[derive(Debug, Clone)]
 pub struct Row {
     pub(super) z: Vec<(usize, f64)>,
@@ -33,14 +33,14 @@ impl Row {
         Self { z: sparse(&form.z), v: sparse(&form.v) }
     }
 
-    /// Adds its entries to a row of dense matrices over z and over v.
+    /// Adds the coefficients to a row of dense matrices over z and over v.
     pub fn spread(&self, row: usize, z: &mut DMatrix<f64>, v: &mut DMatrix<f64>) {
         self.z.iter().for_each(|(i, c)| z[(row, *i)] += c);
         self.v.iter().for_each(|(i, c)| v[(row, *i)] += c);
     }
 
-    /// Its values over the steps of a block, where every entry of z and of v has its values one after the other, `stride`
-    /// from one entry to the next.
+    /// Values over the steps of a block, where the values of every entry of z and of v are contiguous,
+    /// `stride` apart between entries.
     #[inline(always)]
     pub fn values(&self, stride: usize, z: &[f64], v: &[f64], out: &mut [f64]) {
         let dot = |terms: &[(usize, f64)], x: &[f64], out: &mut [f64]| {
@@ -66,13 +66,13 @@ impl Row {
     }
 }
 
-/// A filter state and what it settles to: `gain` times a signal.
+/// Steady state of a filter state: `gain` times a signal.
 #[derive(Debug, Clone)]
 pub struct Rest {
     pub state: usize,
     pub gain: f64,
     pub signal: Row,
-    /// The filter is off: its state stays where the signal is.
+    /// True when the filter is off: its state follows the signal.
     pub follows: bool,
 }
 
@@ -90,22 +90,22 @@ pub struct Oscillator {
 /// The augmented system.
 #[derive(Debug, Clone)]
 pub struct System {
-    /// Number of the vehicle's own states, which come first in z.
+    /// Number of the vehicle's own states, which are the first of z.
     pub n: usize,
-    /// A and B over z and v, before and after each mode transition.
+    /// A and B over z and v, one pair before and after each mode transition.
     pub stages: Vec<(DMatrix<f64>, DMatrix<f64>)>,
     /// Times of the mode transitions, ascending, s.
     pub transitions_s: Vec<f64>,
-    /// Outputs without and with the sensors' lags.
+    /// Rows of the outputs, without and with the sensors' lags.
     pub outputs: Vec<(Row, Row)>,
-    /// What filter states settle to, in an order in which each depends only on those before.
+    /// Steady states of filter states, in an order in which each depends only on earlier ones.
     pub rests: Vec<Rest>,
     pub oscillators: Vec<Oscillator>,
-    /// Actuator lags: index of the effect and its state.
+    /// Actuator lags: index of the effect and of its state.
     pub lags: Vec<(usize, usize)>,
 }
 
-/// Grows with every filter; v does not.
+/// Collects the augmented states, whose number grows with every filter; v is fixed.
 struct Builder {
     nz: usize,
     m: usize,
@@ -131,7 +131,7 @@ impl Builder {
         self.nz - 1
     }
 
-    /// The signal behind a first-order lag, or as it is where that does not act.
+    /// The signal after a first-order lag, unchanged where the lag does not act.
     fn lag(&mut self, signal: Form, time_constant_s: f64, acts: bool) -> Form {
         if time_constant_s == 0.0 {
             return signal;
@@ -150,11 +150,11 @@ impl Builder {
         self.state(s)
     }
 
-    /// The signal behind gain w^2 / (s^2 + 2 z w s + w^2), or as it is where that does not act.
+    /// The signal after gain w^2 / (s^2 + 2 z w s + w^2), unchanged where the mode does not act.
     fn mode(&mut self, signal: Form, effect: &Effect, acts: bool) -> Form {
         let w = TAU * effect.get("frequency_hz");
         let (damping, gain) = (effect.get("damping_ratio"), effect.get("gain"));
-        // The second state is the velocity over w, which keeps the entries of one size.
+        // The second state is the velocity over w, which keeps the entries of similar size.
         let position = self.add_state();
         let velocity = self.add_state();
         if !acts {
@@ -180,7 +180,7 @@ impl Builder {
         Form { z: form.z.clone().resize_horizontally(self.nz, 0.0), v: form.v.clone() }
     }
 
-    /// Sum of coefficient times form.
+    /// Sum of coefficients times forms.
     fn combine<'a>(&self, terms: impl Iterator<Item = (f64, &'a Form)>) -> Form {
         let mut sum = self.zero();
         for (coefficient, form) in terms.filter(|(c, _)| *c != 0.0) {
@@ -193,8 +193,7 @@ impl Builder {
 }
 
 impl System {
-    /// Compiles `vehicle` with its effects, whose places are given beside them, and of which those with a window act where
-    /// `acts` says so.
+    /// Compiles `vehicle` with its effects and their places; effects with a window act where `acts` is true.
     pub fn new(
         vehicle: &Vehicle,
         effects: &[(Effect, Place)],
@@ -249,7 +248,7 @@ impl System {
             });
         }
 
-        // One with a window is there from the beginning of a combination, or not at all.
+        // An effect with a window acts during a whole combination, or not at all.
         let (mut transitions, mut chosen) = (Vec::new(), None);
         for (_, ((effect, _), acts)) in of(Kind::ModeTransition) {
             match effect.window().is_always() {
@@ -294,7 +293,7 @@ impl System {
     }
 }
 
-/// The signals that drive B: v coupled, then through lags and modes.
+/// Signals that drive B: v with coupling, then lags and modes.
 fn actuators(builder: &mut Builder, effects: &[(Effect, Place)], acts: &[bool]) -> Vec<Form> {
     let m = builder.m;
     let mut signals: Vec<Form> = (0..m)

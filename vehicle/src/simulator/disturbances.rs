@@ -1,4 +1,4 @@
-//! What is added to the states' derivatives: steps, pulses, sines, turbulence, and what comes from outside.
+//! Disturbances of the states' derivatives: steps, pulses, sines, turbulence, and external ones.
 
 use std::f64::consts::TAU;
 
@@ -10,7 +10,7 @@ use crate::effects::{Effect, Kind, Place};
 use crate::normals::Normals;
 use crate::random::Stream;
 
-/// A constant from one moment to another.
+/// A constant between two times.
 #[derive(Debug, Clone)]
 struct Pulse {
     state: usize,
@@ -20,10 +20,11 @@ struct Pulse {
     switch: Switch,
 }
 
-/// First-order shaped noise: d' = -w d + std sqrt(2 w) white, w = 2 pi bandwidth, begun in its stationary state.
+/// First-order shaped noise: d' = -w d + std sqrt(2 w) white, w = 2 pi bandwidth, starting from its
+/// stationary distribution.
 ///
-/// Sampled exactly once a period and held, so that what is published is what acts. Its spectrum is that of the
-/// longitudinal Dryden gust (MIL-F-8785C).
+/// Sampled exactly once per period and held, so that the published value is the acting one. Its spectrum is
+/// that of the longitudinal Dryden gust (MIL-F-8785C).
 #[derive(Debug, Clone)]
 pub struct Turbulence {
     pub(super) decay: f64,
@@ -57,14 +58,14 @@ pub struct Disturbances {
     pub(super) turbulence: Vec<(usize, Turbulence, Switch)>,
     pub(super) oscillators: Vec<Oscillator>,
     external: Vec<f64>,
-    /// Nothing comes from outside.
+    /// True while there is no external disturbance.
     is_calm: bool,
-    /// What acts at the beginning of the present step, sines included.
+    /// Disturbances at the beginning of the current step, sines included.
     acting: Vec<f64>,
 }
 
 impl Disturbances {
-    /// `seed` is `None` for a simulation without randomness.
+    /// Disturbances from the effects; `seed` is `None` for a simulation without randomness.
     pub fn new(
         effects: &[(Effect, Place)],
         oscillators: Vec<Oscillator>,
@@ -111,12 +112,13 @@ impl Disturbances {
         all
     }
 
-    /// Offsets inside their steps at which something begins or ends.
+    /// Times, as step and offset, at which a disturbance begins or ends.
     pub fn events(&self) -> Vec<Moment> {
         self.pulses.iter().flat_map(|p| [p.from, p.until]).filter(|m| m.0 < u64::MAX).collect()
     }
 
-    /// True when nothing is added to any derivative as a constant: no step, pulse or turbulence, and nothing from outside.
+    /// True when no constant is added to any derivative: no step, pulse or turbulence, and no external
+    /// disturbance.
     pub fn are_none(&self) -> bool {
         self.pulses.is_empty() && self.turbulence.is_empty() && self.is_calm
     }
@@ -130,7 +132,7 @@ impl Disturbances {
         }
     }
 
-    /// The same without turbulence: what changes only at [`Self::events`].
+    /// The constant part without turbulence, which changes only at [`Self::events`].
     pub fn held_without_turbulence(&self, step: u64, start_s: f64, out: &mut [f64]) {
         out.copy_from_slice(&self.external);
         let t = self.middle(step);
@@ -142,7 +144,8 @@ impl Disturbances {
         }
     }
 
-    /// Sets the oscillators' states for the beginning of a step, from the time itself, so that no error builds up.
+    /// Sets the oscillators' states at the beginning of a step, from the time itself, so that errors do not
+    /// accumulate.
     pub fn set_oscillators(&self, step: u64, z: &mut [f64]) {
         for o in &self.oscillators {
             let (sine, cosine) = self.phase(o, step);
@@ -156,12 +159,12 @@ impl Disturbances {
         if o.switch.is_on(self.middle(step)) { o.amplitude } else { 0.0 }
     }
 
-    /// The middle of a step, so that an effect with a window begins and ends at the boundary next to its moment.
+    /// Middle of a step, so that an effect with a window begins and ends at the nearest step boundary.
     fn middle(&self, step: u64) -> f64 {
         (step as f64 + 0.5) * self.period_s
     }
 
-    /// Switches an effect, if it is one of these; whether it is.
+    /// Switches an effect; true if it is one of these.
     pub fn switch(&mut self, step: u64, effect: usize, on: bool) -> bool {
         let is_one = self.switches().any(|switch| switch.set(effect, on));
         if is_one {
@@ -176,7 +179,7 @@ impl Disturbances {
         pulses.chain(turbulence).chain(self.oscillators.iter_mut().map(|o| &mut o.switch))
     }
 
-    /// Whether one acts for a part of the time.
+    /// True when a disturbance has a time window.
     pub fn have_windows(&self) -> bool {
         let pulses = self.pulses.iter().map(|p| &p.switch);
         let turbulence = self.turbulence.iter().map(|(.., switch)| switch);
@@ -189,7 +192,7 @@ impl Disturbances {
         libm::sincos(TAU * (turns - turns.floor()) + o.phase_rad)
     }
 
-    /// Goes on to the next step.
+    /// Advances to the next step.
     pub fn advance(&mut self, next: u64) {
         for (_, turbulence, _) in &mut self.turbulence {
             turbulence.advance();
@@ -204,14 +207,15 @@ impl Disturbances {
         self.refresh(step);
     }
 
-    /// Sets what is added from outside, from now on.
+    /// Sets the external disturbance from now on.
     pub fn set_external(&mut self, step: u64, external: &[f64]) {
         self.external.copy_from_slice(external);
         self.is_calm = external.iter().all(|d| *d == 0.0);
         self.refresh(step);
     }
 
-    /// Sets what is added to one state's derivative from outside; what acts is told from the next step on.
+    /// Sets the external disturbance of one state's derivative; [`Self::acting`] contains it from the next
+    /// step on.
     #[inline]
     pub fn force(&mut self, state: usize, value: f64) {
         self.external[state] = value;
@@ -227,13 +231,13 @@ impl Disturbances {
         self.acting = acting;
     }
 
-    /// What acts at the beginning of the present step.
+    /// Disturbances at the beginning of the current step.
     pub fn acting(&self) -> &[f64] {
         &self.acting
     }
 }
 
-/// The name of an effect's random stream: effect, place, and which of its like it is.
+/// Name of an effect's random stream: effect, place, and its number among equal ones.
 pub fn consumer(effects: &[(Effect, Place)], index: usize) -> String {
     let (effect, _) = &effects[index];
     let same = |(e, _): &&(Effect, Place)| e.kind() == effect.kind() && e.place() == effect.place();

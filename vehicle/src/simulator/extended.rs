@@ -1,4 +1,5 @@
-//! A vehicle with effects on its motion: chains on the inputs, substeps of a period, nonlinear parts.
+//! Dynamics of a vehicle with effects on its motion: static effects of inputs, substeps of a period,
+//! nonlinear parts.
 
 use whirlstand_linalg::spectral_radius;
 
@@ -13,7 +14,7 @@ use super::settings::Settings;
 use crate::effects::{Effect, Place};
 use crate::error::SimulatorError;
 
-/// What moves a vehicle whose effects are more than a matrix product.
+/// Dynamics of a vehicle whose effects need more than one matrix product.
 #[derive(Debug, Clone)]
 pub struct Extended {
     period_s: f64,
@@ -21,12 +22,12 @@ pub struct Extended {
     delays: Vec<Delay>,
     settings: Settings,
     nonlinear: Option<Nonlinear>,
-    /// Actuator lags: index of the effect and its state.
+    /// Actuator lags: index of the effect and of its state.
     lags: Vec<(usize, usize)>,
 }
 
 impl Extended {
-    /// `neutral`: the commands until now.
+    /// The dynamics; `neutral` are the commands until now.
     pub fn new(
         effects: &[(Effect, Place)],
         combinations: &Combinations,
@@ -60,12 +61,12 @@ impl Extended {
         Ok(Self { period_s, chains, delays, settings, nonlinear, lags })
     }
 
-    /// Whether an effect that acts in the step itself, not on commands or outputs alone, can be switched.
+    /// True when an effect that acts within a step, not only on commands or outputs, can be switched.
     pub fn has_windows(&self) -> bool {
         !self.settings.is_one() || self.nonlinear.as_ref().is_some_and(Nonlinear::has_windows)
     }
 
-    /// Lets act in a step what does. To be called at its beginning, and when something was switched by hand.
+    /// Selects the effects that act in a step. To be called at its beginning, and after switching by hand.
     pub fn choose(&mut self, step: u64, sensors: &mut Sensors) {
         if let Some(nonlinear) = &mut self.nonlinear {
             nonlinear.choose((step as f64 + 0.5) * self.period_s);
@@ -80,15 +81,15 @@ impl Extended {
         }
     }
 
-    /// The kernel of all periods but some, and those; `None` where more than a matrix product happens in each: chains or delays
-    /// on inputs, cuts, nonlinear parts, mode transitions.
+    /// The kernel of all periods but the special ones, and these; `None` where a period needs more than a
+    /// matrix product: static effects or delays of inputs, splits, nonlinear parts, mode transitions.
     pub fn one_kernel(&self) -> Option<(&Kernel, impl Iterator<Item = u64>)> {
         let direct = self.chains.iter().all(Chain::is_empty) && self.delays.iter().all(Delay::is_none);
         let one = direct && self.nonlinear.is_none() && self.settings.is_one();
         if one { self.settings.now().schedule.one_kernel() } else { None }
     }
 
-    /// Sets the resting inputs, and filters to where those lead.
+    /// Sets the resting inputs, and filters to their steady state.
     pub fn rest(&self, z: &mut [f64], drive: &mut [f64]) {
         for (value, delay) in drive.iter_mut().zip(&self.delays) {
             *value = delay.newer();
@@ -98,14 +99,16 @@ impl Extended {
         }
     }
 
-    /// Sets the sensors' lags to where the vehicle's states lead. Actuator filters depend on none of these states.
+    /// Sets the sensors' lags to their steady state for the vehicle's states. Actuator filters do not depend
+    /// on these states.
     pub fn settle_sensors(&self, z: &mut [f64], drive: &[f64]) {
         for rest in self.settings.now().rests.iter().filter(|r| r.gain != 0.0) {
             z[rest.state] = rest.gain * rest.signal.value(z, drive);
         }
     }
 
-    /// Takes the commands of the step whose middle is at `t`, and sets what acts from its beginning.
+    /// Takes the commands of the step whose middle is at `t`, and computes the inputs acting from its
+    /// beginning.
     #[inline(always)]
     pub fn command(&mut self, applied: &[f64], t: f64, drive: &mut [f64]) {
         let links = self.chains.iter_mut().zip(&mut self.delays);
@@ -115,14 +118,14 @@ impl Extended {
         }
     }
 
-    /// Switches an effect; whether there is such a one. What it changes is told by [`Self::choose`].
+    /// Switches an effect; true if it exists. [`Self::choose`] applies the change.
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
         self.settings.switch(effect, on)
             || self.nonlinear.as_mut().is_some_and(|nonlinear| nonlinear.switch(effect, on))
             || self.chains.iter_mut().any(|chain| chain.switch(effect, on))
     }
 
-    /// Puts what an effect on an input remembers; whether it is one that remembers a single value.
+    /// Sets the stored value of an effect on an input; true if it stores a single value.
     pub fn put(&mut self, effect: usize, value: f64, z: &mut [f64]) -> bool {
         match self.lags.iter().find(|(own, _)| *own == effect) {
             Some((_, state)) => z[*state] = value,
@@ -131,14 +134,15 @@ impl Extended {
         true
     }
 
-    /// Keeps the states of filters that are off where the signals are, so that nothing jumps when they begin.
+    /// Keeps the states of inactive filters equal to their signals, so that nothing jumps when they begin.
     fn follow(&self, z: &mut [f64], drive: &[f64]) {
         for rest in self.settings.now().rests.iter().filter(|rest| rest.follows) {
             z[rest.state] = rest.gain * rest.signal.value(z, drive);
         }
     }
 
-    /// Moves z over one period, substep by substep; `drive` holds the inputs, then what is added to the derivatives.
+    /// Advances z over one period, substep by substep; `drive` holds the inputs, then the disturbances of the
+    /// derivatives.
     #[inline(always)]
     pub fn advance<V: State>(
         &mut self,
@@ -150,7 +154,7 @@ impl Extended {
     ) {
         disturbances.set_oscillators(step, z.as_mut());
         let inputs = self.chains.len();
-        // Where nothing is added to the derivatives, only the inputs act.
+        // Without disturbances of the derivatives, only the inputs act.
         let acting = if disturbances.are_none() { inputs } else { drive.len() };
         for substep in self.settings.schedule().substeps(step) {
             let (v, held) = drive.split_at_mut(inputs);

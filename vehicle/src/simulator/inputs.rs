@@ -1,26 +1,26 @@
-//! What happens to an input before it reaches the linear model: limits, static nonlinearities, delay.
+//! Effects on an input before the linear model: limits, static nonlinearities, delay.
 
 use super::switch::Switch;
 use crate::effects::{Effect, Kind};
 
-/// A rate limit on a sampled signal.
+/// Rate limit of a sampled signal.
 ///
-/// Within a period the limited signal is a ramp that may end in the target. What acts over the period is taken to
-/// be the ramp's mean, which has the ramp's integral.
+/// Within a period the limited signal is a ramp that may end at the target. The value over the period is
+/// taken as the ramp's mean, which has the ramp's integral.
 #[derive(Debug, Clone)]
 pub struct RateLimit {
-    /// Largest move in one period.
+    /// Largest change per period.
     step: f64,
     position: f64,
 }
 
 impl RateLimit {
-    /// A signal that begins at `start` and is asked for anew every `period_s`.
+    /// A rate limit that begins at `start`, with one target per `period_s`.
     pub fn new(limit_per_s: f64, period_s: f64, start: f64) -> Self {
         Self { step: limit_per_s * period_s, position: start }
     }
 
-    /// What acts over the next period, on the mean, while `target` is asked for.
+    /// Mean value over the next period for the given `target`.
     pub fn next(&mut self, target: f64) -> f64 {
         let gap = target - self.position;
         if gap.abs() > self.step {
@@ -37,7 +37,7 @@ impl RateLimit {
     }
 }
 
-/// The play operator: the output follows only when the input pushes against one end of the gap.
+/// Backlash (play operator): the output moves only when the input pushes against one end of the gap.
 #[derive(Debug, Clone)]
 pub struct Backlash {
     half: f64,
@@ -45,7 +45,7 @@ pub struct Backlash {
 }
 
 impl Backlash {
-    /// A play of this full width, its output at `start` and its input in the middle of it.
+    /// A backlash of this full width, with its output at `start` and its input in the middle of the gap.
     pub fn new(width: f64, start: f64) -> Self {
         Self { half: 0.5 * width, position: start }
     }
@@ -57,12 +57,12 @@ impl Backlash {
     }
 }
 
-/// sign(u) max(abs(u) - width, 0).
+/// Dead zone: sign(u) max(abs(u) - width, 0).
 pub fn dead_zone(u: f64, width: f64) -> f64 {
     (u.abs() - width).max(0.0).copysign(u)
 }
 
-/// A link between command and model.
+/// One static effect between command and model.
 #[derive(Debug, Clone)]
 enum Link {
     Gain(f64),
@@ -78,7 +78,7 @@ enum Link {
 #[derive(Debug, Clone, Default)]
 pub struct Chain(Vec<(Switch, Link)>);
 
-/// The order in which the effects on an input act.
+/// Order in which the effects on an input act.
 const ORDER: [Kind; 7] = [
     Kind::InputGain,
     Kind::GainDrift,
@@ -90,7 +90,7 @@ const ORDER: [Kind; 7] = [
 ];
 
 impl Chain {
-    /// `effects` are those at this input; rate limit and backlash start from rest at `neutral`.
+    /// The chain of `effects`, all at this input; rate limit and backlash start at `neutral`.
     pub fn new<'a>(
         effects: impl Iterator<Item = (usize, &'a Effect)> + Clone,
         neutral: f64,
@@ -117,22 +117,22 @@ impl Chain {
         Self(links)
     }
 
-    /// Whether the signal passes as it is.
+    /// True when the signal is unchanged.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// The signal behind all links for command `u` at time `t`.
+    /// The signal after all effects, for command `u` at time `t`.
     pub fn next(&mut self, u: f64, t: f64) -> f64 {
         self.0.iter_mut().fold(u, |u, (switch, link)| link.next_if(switch, u, t))
     }
 
-    /// Switches an effect, if it is one of these; whether it is.
+    /// Switches an effect; true if it is one of these.
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
         self.0.iter_mut().any(|(switch, _)| switch.set(effect, on))
     }
 
-    /// Puts the position of a rate limit or of play, if the effect is such a one; whether it is.
+    /// Sets the position of a rate limit or backlash; true if the effect is one.
     pub fn put(&mut self, effect: usize, position: f64) -> bool {
         let own = self.0.iter_mut().find(|(switch, _)| switch.is_of(effect));
         match own.map(|(_, link)| link) {
@@ -145,7 +145,8 @@ impl Chain {
 }
 
 impl Link {
-    /// As [`Self::next`] while the link acts; otherwise the signal passes, and what has a memory follows it.
+    /// The next value as [`Self::next`] while the effect acts; otherwise the signal is unchanged, and effects
+    /// with memory follow it.
     fn next_if(&mut self, switch: &Switch, u: f64, t: f64) -> f64 {
         if switch.is_on(t) {
             return self.next(u, switch.since(t));
@@ -171,10 +172,10 @@ impl Link {
     }
 }
 
-/// A pure delay of a sampled-and-held signal by any time, whole periods and a fraction.
+/// Delay of a sampled-and-held signal by any time, whole periods and a fraction.
 #[derive(Debug, Clone)]
 pub struct Delay {
-    /// Offset in the period at which the signal changes.
+    /// Offset in the period at which the signal changes, s.
     pub fraction_s: f64,
     whole: usize,
     ring: Vec<f64>,
@@ -182,7 +183,7 @@ pub struct Delay {
 }
 
 impl Delay {
-    /// Remembers for as long as this, which is the delay until another is chosen.
+    /// A delay of up to `longest_s`, which applies until another is chosen.
     pub fn new(longest_s: f64, period_s: f64, rest: f64) -> Self {
         let (whole, fraction_s) = split(longest_s, period_s);
         // Bounded by the table: 60 s.
@@ -190,28 +191,28 @@ impl Delay {
         Self { fraction_s, whole, ring: vec![rest; whole + 2], newest: 0 }
     }
 
-    /// Chooses another delay, whole periods and a rest in s, no longer than the longest.
+    /// Sets another delay, whole periods and a remainder in s, at most the longest.
     pub fn choose(&mut self, (whole, fraction_s): (u64, f64)) {
         (self.whole, self.fraction_s) = ((whole as usize).min(self.ring.len() - 2), fraction_s);
     }
 
-    /// Whether what was pushed acts at once.
+    /// True when a pushed value acts immediately.
     pub fn is_none(&self) -> bool {
         self.fraction_s == 0.0 && self.ring.len() == 2
     }
 
-    /// Takes the value of this period.
+    /// Stores the value of this period.
     pub fn push(&mut self, value: f64) {
         self.newest = if self.newest + 1 == self.ring.len() { 0 } else { self.newest + 1 };
         self.ring[self.newest] = value;
     }
 
-    /// What acts from `fraction_s` on.
+    /// Value that acts from `fraction_s` on.
     pub fn newer(&self) -> f64 {
         self.before_newest(self.whole)
     }
 
-    /// What acts before `fraction_s`.
+    /// Value that acts before `fraction_s`.
     pub fn older(&self) -> f64 {
         self.before_newest(self.whole + 1)
     }
@@ -222,10 +223,10 @@ impl Delay {
     }
 }
 
-/// Fractions of a period below this are rounding, not time.
+/// Fraction of a period below which a time difference is rounding.
 pub const TIME_TOLERANCE: f64 = 1e-9;
 
-/// A time as whole periods and a rest, which is 0 where only rounding keeps the time from a whole number.
+/// Splits a time into whole periods and a remainder, which is 0 where only rounding makes it non-zero.
 pub fn split(time_s: f64, period_s: f64) -> (u64, f64) {
     let periods = (time_s / period_s + TIME_TOLERANCE).floor().max(0.0);
     let rest = time_s - periods * period_s;
@@ -260,7 +261,7 @@ mod tests {
         let mut limit = RateLimit::new(4.0, 0.1, 0.0);
         let sum: f64 = (0..5).map(|_| 0.1 * limit.next(1.0)).sum();
         assert!((sum - 0.375).abs() < 1e-15);
-        // It never moves faster than the limit, and stops where it is told.
+        // It never exceeds the rate limit, and stops at the target.
         assert_eq!(limit.next(1.0), 1.0);
         let mut held = RateLimit::new(0.0, 0.1, 0.3);
         assert_eq!(held.next(5.0), 0.3);

@@ -1,4 +1,5 @@
-//! x+ = Phi x + Gamma u, fast: columns padded to a fixed length, so that the compiler vectorises them.
+//! Fast evaluation of x+ = Phi x + Gamma u: columns are padded to a fixed length, so that the compiler
+//! vectorises them.
 
 use nalgebra::DMatrix;
 
@@ -7,16 +8,16 @@ use nalgebra::DMatrix;
 pub struct Kernel {
     /// Length of a column.
     n: usize,
-    /// Columns of Phi: what pads a state moves nothing.
+    /// Number of columns of Phi; padding has no effect.
     pub(super) states: usize,
     /// Columns one after the other, those of Phi first.
     columns: Vec<f64>,
 }
 
-/// A state that a kernel moves: an array where its length is known to the compiler, else a vector.
+/// A state vector of a kernel: an array where its length is known at compile time, else a vector.
 pub trait State: Clone + AsRef<[f64]> + AsMut<[f64]> {
     /// Replaces the state x by Phi x + Gamma u. `u` may be shorter than Gamma is wide: the rest is zero.
-    /// `scratch` is as long as the state; its content does not matter.
+    /// `scratch` has the length of the state; its content is arbitrary.
     fn flow(&mut self, kernel: &Kernel, u: &[f64], scratch: &mut Self);
 }
 
@@ -46,7 +47,7 @@ impl Kernel {
         }
     }
 
-    /// `phi` is n x n, `gamma` n x m.
+    /// A kernel of `phi`, n x n, and `gamma`, n x m.
     pub fn new(phi: &DMatrix<f64>, gamma: &DMatrix<f64>) -> Self {
         let n = Self::padded(phi.nrows());
         let states = phi.ncols();
@@ -57,7 +58,7 @@ impl Kernel {
         Self { n, states, columns }
     }
 
-    /// As [`State::flow`], for a slice.
+    /// Advances a slice as [`State::flow`].
     #[inline]
     pub fn advance(&self, x: &mut [f64], u: &[f64], scratch: &mut [f64]) {
         match self.n {
@@ -106,12 +107,12 @@ impl Kernel {
         self.entry(row, self.states + column)
     }
 
-    /// Entry of Phi, and of Gamma behind it.
+    /// Entry of Phi, or of Gamma in the columns after it.
     pub fn entry(&self, row: usize, column: usize) -> f64 {
         self.columns[column * self.n + row]
     }
 
-    /// Columns of Phi and Gamma.
+    /// Number of columns of Phi and Gamma.
     pub fn width(&self) -> usize {
         self.columns.len() / self.n
     }

@@ -1,5 +1,5 @@
-//! Steps that were solved last. A search makes a simulator of the same vehicle again and again, and changes a size or a time
-//! in it that the matrices of a step do not know: their exponentials were a sixth of its time.
+//! Cache of recent discretisations. A search creates simulators of the same vehicle repeatedly, and changes a
+//! size or a time that the matrices of a step do not depend on: their exponentials were a sixth of its time.
 
 use std::cell::RefCell;
 
@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 use super::kernel::Kernel;
 use crate::discretise::{DiscretiseError, discretise};
 
-/// Steps that are remembered, a thread: those of every entry of a vehicle of eight states and two inputs, and of a dozen
+/// Cached steps per thread: those of every entry of a vehicle of eight states and two inputs, and of a dozen
 /// effects with their halves.
 const REMEMBERED: usize = 128;
 
@@ -20,11 +20,11 @@ struct Known {
 }
 
 thread_local! {
-    /// The one that was asked for last comes first.
+    /// Most recently used first.
     static KNOWN: RefCell<Vec<Known>> = const { RefCell::new(Vec::new()) };
 }
 
-/// The step of dx/dt = A x + B v over a length, v held.
+/// The discretisation of dx/dt = A x + B v over a length, v held.
 ///
 /// # Errors
 /// As [`discretise`].

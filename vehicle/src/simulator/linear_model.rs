@@ -1,4 +1,4 @@
-//! What a law and a filter can know of a vehicle: its linear effects, exact and without sampling.
+//! Continuous linear model of a vehicle with its linear effects, for laws and filters.
 
 use nalgebra::DMatrix;
 
@@ -17,43 +17,44 @@ use crate::model::Vehicle;
 pub struct LinearModel {
     /// Number of the vehicle's own states.
     pub own: usize,
-    /// Number of states behind them that follow from the commands alone.
+    /// Number of actuator states after them, which follow from the commands alone.
     pub actuators: usize,
     /// System matrix, 1/s.
     pub a: DMatrix<f64>,
-    /// Input matrix, gains of the inputs included.
+    /// Input matrix, including the gains of the inputs.
     pub b: DMatrix<f64>,
-    /// Outputs before their delays, by states.
+    /// Output matrix before the delays, outputs x states.
     pub c: DMatrix<f64>,
-    /// Outputs before their delays, by inputs.
+    /// Feed-through matrix before the delays, outputs x inputs.
     pub d: DMatrix<f64>,
-    /// Outputs by outputs: misalignment and scale, behind the delays.
+    /// Misalignment and scale after the delays, outputs x outputs.
     pub mix: DMatrix<f64>,
     /// Delay of each input, s.
     pub input_delays_s: Vec<f64>,
     /// Delay of each output, s.
     pub output_delays_s: Vec<f64>,
-    /// The command at which an input does nothing, by `input_bias`; zero elsewhere.
+    /// Command at which an input has no effect, from `input_bias`; zero elsewhere.
     pub trim: Vec<f64>,
-    /// Static effects on each input; the linear model is without them.
+    /// Static effects on each input, which the linear model does not contain.
     pub on_inputs: Vec<InputEffects>,
-    /// Coulomb friction; the linear model is without it.
+    /// Coulomb friction, which the linear model does not contain.
     pub friction: Vec<Friction>,
-    /// What `sensor_bias` adds to each output.
+    /// Offset of each output, from `sensor_bias`.
     pub offsets: Vec<f64>,
-    /// Density of the white noise on the derivative of each own state that does what `turbulence` does below its bandwidth.
+    /// Density of white noise on the derivative of each own state that is equivalent to `turbulence` below
+    /// its bandwidth.
     pub turbulence: Vec<f64>,
-    /// Variance that effects add to each output's noise: `noise` and `quantization`.
+    /// Variance that the effects `noise` and `quantization` add to each output's noise.
     pub variance: Vec<f64>,
-    /// Tones that effects add to outputs: output and frequency in Hz.
+    /// Tones that effects add to outputs: index of the output and frequency in Hz.
     pub tones: Vec<(usize, f64)>,
-    /// Names of the states behind the vehicle's own.
+    /// Names of the states after the vehicle's own.
     pub names: Vec<String>,
-    /// Effects that a linear model cannot hold, and why.
+    /// Effects that a linear model cannot contain, with the reason.
     pub left_out: Vec<(Effect, &'static str)>,
 }
 
-/// Why an effect stays out of the linear model; `None` for those that enter it.
+/// Reason why an effect is not in the linear model; `None` for those that are.
 fn obstacle(effect: &Effect) -> Option<&'static str> {
     if !effect.window().is_always() {
         return Some("it acts only part of the time; the law is designed for the rest");
@@ -144,12 +145,12 @@ impl LinearModel {
         Ok(model)
     }
 
-    /// True when nothing but the vehicle's own matrices moves the states: no delay, lag or mode on an input.
+    /// True when the states depend only on the vehicle's own matrices: no delay, lag or mode on an input.
     pub fn is_prompt(&self) -> bool {
         self.actuators == 0 && self.input_delays_s.iter().all(|d| *d == 0.0)
     }
 
-    /// True when a filter sees nothing but the matrices of the motion and of the outputs.
+    /// True when a filter needs only the matrices of the motion and of the outputs.
     pub fn is_plain(&self) -> bool {
         let none = |values: &[f64]| values.iter().all(|v| *v == 0.0);
         self.is_prompt()
@@ -163,7 +164,7 @@ impl LinearModel {
             && self.mix.is_identity(0.0)
     }
 
-    /// Gains, biases and delays, in the order in which they act on an input.
+    /// Adds gains, biases and delays of inputs, in the order in which they act.
     fn take_inputs(&mut self, effects: &[(Effect, Place)]) {
         let mut gains = vec![1.0; self.trim.len()];
         let mut biases = vec![0.0; self.trim.len()];
@@ -192,7 +193,7 @@ impl LinearModel {
         }
     }
 
-    /// Delays, misalignment, scale and what is added, in the order in which they act on an output.
+    /// Adds delays, misalignment, scale and offsets of outputs, in the order in which they act.
     fn take_outputs(&mut self, vehicle: &Vehicle, effects: &[(Effect, Place)]) {
         let mut scales = vec![1.0; self.offsets.len()];
         for (effect, place) in effects {

@@ -1,6 +1,7 @@
-//! The simulator: a vehicle in motion, one step a period.
+//! The simulator: motion of a vehicle, one step per period.
 //!
-//! In which order effects act, whatever their order in the file (those of one kind in the file's order):
+//! Effects act in the following order, whatever their order in the file (those of one kind in the file's
+//! order):
 //!
 //! 1. Command: a value that is not a number is replaced by the last one; then the vehicle's own limits and rate limit.
 //! 2. Input, sample by sample: `input_gain`, `gain_drift`, `input_bias`, `dead_zone`, `input_saturation`,
@@ -13,11 +14,11 @@
 //!    (declared and `sensor_bias`), `sensor_drift`, vibration (declared and effect), noise (declared and effect),
 //!    rounding (declared, then `quantization`), `output_saturation`, `dropouts`, `outliers`.
 //!
-//! An effect with a window acts in it only; a drift then grows from the window's beginning. No state jumps there: a delay runs
-//! all the time and its output is taken from then on, a lag or mode follows its input until it acts, and matrices change at the
-//! boundary of steps.
+//! An effect with a window acts only within it; a drift then grows from the window's beginning. No state
+//! jumps there: a delay always runs and its output is used from then on, a lag or mode follows its input
+//! until it acts, and matrices change at step boundaries.
 //! Time t counts from the simulator's start. Before it, commands were neutral and filters at rest.
-//! A `parameter_change` is one of the vehicle itself, not of the one that a `mode_transition` leads to.
+//! A `parameter_change` applies to the vehicle itself, not to the target of a `mode_transition`.
 
 mod beyond_linear;
 mod combinations;
@@ -62,10 +63,10 @@ use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
 use crate::model::{Engine, Input, Vehicle};
 
-/// Beyond this a state has lost all meaning; it is held there and [`Simulator::diverged`] tells.
+/// Magnitude beyond which a state has diverged; it is held there, and [`Simulator::diverged`] is true.
 const LARGEST: f64 = 1e12;
 
-/// A vehicle in motion: deterministic, and without allocation once it is made.
+/// Simulation of a vehicle: deterministic, and without allocation after construction.
 ///
 /// At step k, [`apply`](Self::apply) the command, [`measure`](Self::measure), then
 /// [`advance`](Self::advance) to step k + 1; [`step`](Self::step) is `apply` and `advance` in one.
@@ -78,17 +79,17 @@ pub struct Simulator {
     /// The vehicle's states, those of filters and oscillators, and padding.
     z: Vec<f64>,
     work: Work<Vec<f64>>,
-    /// The input that acts on the linear model, then what is added to each state's derivative.
+    /// Inputs of the linear model, then the disturbance of each state's derivative.
     drive: Vec<f64>,
     applied: Vec<f64>,
     limits: Vec<Limit>,
-    /// How many entries of `drive` are in use by the plain dynamics: without disturbance the inputs alone.
+    /// Number of entries of `drive` that the plain dynamics use: only the inputs without disturbance.
     driven: usize,
     dynamics: Dynamics,
     disturbances: Disturbances,
     sensors: Sensors,
     engine: Engine,
-    /// The first state, or filter behind the states, that grew beyond any meaning.
+    /// Index of the first state, or filter state, that diverged.
     lost: Option<usize>,
 }
 
@@ -107,19 +108,21 @@ impl Limit {
     }
 }
 
-/// Whether an effect changes the motion, not only what sensors show of it. A lag of a sensor moves with the states.
+/// True when an effect changes the motion, not only the measurements. A lag of a sensor is integrated with
+/// the states.
 fn acts_on_motion((effect, place): &(Effect, Place)) -> bool {
     !matches!(place, Place::Output(_) | Place::OutputPair(..)) || effect.kind() == Kind::SensorLag
 }
 
 #[derive(Debug, Clone)]
 enum Dynamics {
-    /// No effect on the motion: one matrix product a step.
+    /// No effect on the motion: one matrix product per step.
     Plain(Kernel),
     Extended(Box<Extended>),
 }
 
-/// The dynamics without effects: inputs, then a disturbance on every state. `None` when they overflow in one period.
+/// The dynamics without effects: inputs, then a disturbance of every state. `None` when they overflow in one
+/// period.
 fn plain(vehicle: &Vehicle, period_s: f64) -> Option<Dynamics> {
     let (n, m) = vehicle.b.shape();
     let mut inputs = DMatrix::zeros(n, m + n);
@@ -137,9 +140,9 @@ impl Simulator {
         Self::build(vehicle, period_s, Some(seed), None)
     }
 
-    /// A simulator of what is to be expected: without noise, dropouts, outliers and turbulence, without rounding, and
-    /// with every output fresh at every step. Biases, scales, lags, delays and vibration effects stay. The engine is off,
-    /// so that declared vibration, whose phase no record shows, is left out.
+    /// A simulator of expected values: without noise, dropouts, outliers and turbulence, without rounding,
+    /// and with every output fresh at every step. Biases, scales, lags, delays and vibration effects stay.
+    /// The engine is off, so that declared vibration, whose phase is unknown in a record, is left out.
     ///
     /// # Errors
     /// As [`Simulator::new`].
@@ -147,9 +150,9 @@ impl Simulator {
         Self::build(vehicle, period_s, None, None)
     }
 
-    /// As [`Simulator::expected`], for a record that begins in the middle of a motion: until now the commands were
-    /// `commands`, one for each input, so that delays still hold them and filters have come to rest there. What is not
-    /// finite was the input's neutral value.
+    /// A simulator as [`Simulator::expected`], for a record that begins during a motion: the commands are
+    /// assumed to have been `commands`, one per input, so that delays hold them and filters are in steady
+    /// state. A value that is not finite stands for the input's neutral value.
     ///
     /// # Errors
     /// As [`Simulator::new`].
@@ -218,7 +221,7 @@ impl Simulator {
         Ok(simulator)
     }
 
-    /// Sets inputs to their resting values and filters to where those lead.
+    /// Sets inputs to their resting values and filters to their steady state.
     fn rest(&mut self) {
         match &mut self.dynamics {
             Dynamics::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
@@ -235,7 +238,7 @@ impl Simulator {
         &self.z[..self.n]
     }
 
-    /// Puts the vehicle into a state; sensors with lag or delay have seen nothing else.
+    /// Sets the vehicle's state; sensors with lag or delay are set to it as well.
     ///
     /// # Panics
     /// When `state` is not as long as the vehicle has states.
@@ -248,14 +251,16 @@ impl Simulator {
         self.sensors.fill_past(&self.z, &self.drive);
     }
 
-    /// Begins at a later step than 0: what goes by time is where it would be by then. To be called before the first step.
+    /// Begins at a later step than 0, with all time-dependent effects at that time. To be called before the
+    /// first step.
     pub fn begin_at(&mut self, step: u64) {
         self.step = step;
         self.disturbances.begin_at(step);
         self.choose();
     }
 
-    /// Moves the state by `change`, as an observer corrects it; filters and sensors keep their own.
+    /// Changes the state by `change`, as the correction of an observer; filters and sensors keep their
+    /// states.
     ///
     /// # Panics
     /// When `change` is not as long as the vehicle has states.
@@ -264,8 +269,8 @@ impl Simulator {
         self.z[..self.n].iter_mut().zip(change).for_each(|(z, c)| *z += c);
     }
 
-    /// Sets the command of this step; to be called at most once a step. A value that is not a number is replaced by
-    /// the one before, an infinite one by the limit.
+    /// Sets the command of this step; to be called at most once per step. NaN is replaced by the previous
+    /// value, an infinite value by the limit.
     ///
     /// # Panics
     /// When `u` is not as long as the vehicle has inputs.
@@ -282,7 +287,7 @@ impl Simulator {
         match &mut self.dynamics {
             Dynamics::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
             Dynamics::Extended(extended) => {
-                // The middle of the period: what drifts with time then has the right mean over it.
+                // The middle of the period, so that a drift has the correct mean over it.
                 let t = (self.step as f64 + 0.5) * self.period_s;
                 extended.command(&self.applied, t, &mut self.drive);
             }
@@ -299,18 +304,18 @@ impl Simulator {
         self.advance();
     }
 
-    /// Measures at the present step: SI values in the order of the outputs. A stale output repeats its last value;
-    /// [`fresh`](Self::fresh) tells. A second call at the same step returns the same.
+    /// Measures at the current step: SI values in the order of the outputs. A stale output repeats its last
+    /// value; see [`fresh`](Self::fresh). A second call at the same step returns the same values.
     pub fn measure(&mut self) -> &[f64] {
         self.sensors.measure(self.step, self.engine, &self.z, &self.drive)
     }
 
-    /// Which outputs were new in the last [`measure`](Self::measure).
+    /// True for each output that was new in the last [`measure`](Self::measure).
     pub fn fresh(&self) -> &[bool] {
         self.sensors.fresh()
     }
 
-    /// C x + D u without any sensor, into `out`.
+    /// Writes C x + D u, without sensors, into `out`.
     pub fn ideal_outputs(&self, out: &mut [f64]) {
         self.sensors.ideal(&self.z, &self.drive, out);
     }
@@ -320,12 +325,13 @@ impl Simulator {
         &self.applied
     }
 
-    /// True when a command in force stands at one of the vehicle's limits.
+    /// True when a command in force is at one of the vehicle's limits.
     pub fn saturated(&self) -> bool {
         self.applied.iter().zip(&self.limits).any(|(u, limit)| *u <= limit.lower || *u >= limit.upper)
     }
 
-    /// What is added to each state's derivative from outside, from now on, beside the vehicle's own disturbances.
+    /// Sets the external disturbance of each state's derivative, in addition to the vehicle's own
+    /// disturbances.
     ///
     /// # Panics
     /// When `derivative` is not as long as the vehicle has states.
@@ -335,22 +341,22 @@ impl Simulator {
         self.driven = if derivative.iter().all(|d| *d == 0.0) { self.m } else { self.m + self.n };
     }
 
-    /// What is added to each state's derivative at the present step, by effects and from outside.
+    /// Disturbance of each state's derivative at the current step, from effects and external.
     pub fn disturbance(&self) -> &[f64] {
         self.disturbances.acting()
     }
 
-    /// What the engine does.
+    /// State of the engine.
     pub fn engine(&self) -> Engine {
         self.engine
     }
 
-    /// Starts or stops the engine; declared vibrations follow.
+    /// Sets the state of the engine, which determines the declared vibrations.
     pub fn set_engine(&mut self, engine: Engine) {
         self.engine = engine;
     }
 
-    /// The present step, from 0.
+    /// Index of the current step, from 0.
     pub fn step_index(&self) -> u64 {
         self.step
     }
@@ -360,13 +366,13 @@ impl Simulator {
         self.step as f64 * self.period_s
     }
 
-    /// True when a state has grown beyond any meaning.
+    /// True when a state has diverged.
     pub fn diverged(&self) -> bool {
         self.lost.is_some() || self.state().iter().any(|x| x.is_nan() || x.abs() >= LARGEST)
     }
 
-    /// The first state that is no number or beyond its bound: its index and value. One that an effect's own filter lost
-    /// first counts as the first state.
+    /// Index and value of the first state that is NaN or beyond its bound. A diverged filter state of an
+    /// effect counts as the first state.
     pub fn beyond(&self, bounds: &[f64]) -> Option<(usize, f64)> {
         if let Some(lost) = self.lost {
             return Some((if lost < self.n { lost } else { 0 }, f64::NAN));

@@ -1,11 +1,11 @@
-//! From one step to the next.
+//! Advances a simulator from one step to the next.
 
 use super::kernel::State;
 use super::nonlinear::Work;
 use super::{Dynamics, LARGEST, Simulator};
 
 impl Simulator {
-    /// Goes on to the next step under the input in force.
+    /// Advances to the next step under the input in force.
     #[inline]
     pub fn advance(&mut self) {
         self.advance_motion();
@@ -36,7 +36,7 @@ impl Simulator {
         self.z.copy_from_slice(&z);
     }
 
-    /// Moves z, which is the simulator's or stands for it, over one step; the disturbances stay behind.
+    /// Advances z, the simulator's state or a copy of it, over one step; the disturbances are not advanced.
     #[inline(always)]
     pub(super) fn advance_state<V: State>(&mut self, z: &mut V, work: &mut Work<V>) {
         match &mut self.dynamics {
@@ -47,7 +47,7 @@ impl Simulator {
             Dynamics::Extended(extended) => {
                 let around = (&self.disturbances, &mut self.sensors);
                 extended.advance(self.step, z, &mut self.drive, around, work);
-                // Not a number is beyond any bound.
+                // NaN is beyond any bound.
                 let beyond = |v: &f64| v.is_nan() || v.abs() > LARGEST;
                 if z.as_ref().iter().fold(false, |any, v| any | beyond(v)) {
                     for (i, value) in z.as_mut().iter_mut().enumerate().filter(|(_, v)| beyond(v)) {

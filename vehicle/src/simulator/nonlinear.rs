@@ -11,9 +11,9 @@ use super::schedule::Substep;
 use super::switch::Switch;
 use crate::effects::{Effect, Kind, Place};
 
-/// Deepest halving of a substep.
+/// Largest number of halvings of a substep.
 const DEEPEST: usize = 12;
-/// Deepest halving for the sake of smooth nonlinearities.
+/// Largest number of halvings for smooth nonlinearities.
 const DEEPEST_SMOOTH: usize = 6;
 
 #[derive(Debug, Clone, Copy)]
@@ -29,11 +29,11 @@ struct Friction {
     state: usize,
     /// Largest force against positive and against negative motion.
     against: (f64, f64),
-    /// Acting over the present step.
+    /// Force over the current step.
     force: f64,
 }
 
-/// An effect that is a part of the friction on a state, or the whole.
+/// An effect that is part of the friction on a state.
 #[derive(Debug, Clone)]
 struct Part {
     switch: Switch,
@@ -48,31 +48,31 @@ pub struct Nonlinear {
     m: usize,
     smooths: Vec<(Switch, Smooth)>,
     parts: Vec<Part>,
-    /// Those that act come first, and so many do.
+    /// Smooth effects, active ones first, and the number of active ones.
     smooth: Vec<Smooth>,
     smooth_acting: usize,
-    /// Several frictions on one state are one; those that act come first, and so many do.
+    /// Friction, combined per state, active ones first, and the number of active ones.
     friction: Vec<Friction>,
     friction_acting: usize,
     /// Largest magnitude of a pole of the linear part, 1/s.
     pub fastest: f64,
-    /// Inputs with the friction's forces.
+    /// Inputs including the friction forces.
     inputs: Vec<f64>,
 }
 
-/// What a step of the nonlinear part needs of vectors.
+/// Work vectors of a nonlinear step.
 #[derive(Debug, Clone, Default)]
 pub struct Work<V> {
     slopes: [V; 3],
     stage: V,
     middle: V,
     result: V,
-    /// For [`State::flow`].
+    /// Scratch vector for [`State::flow`].
     pub scratch: V,
 }
 
 impl<V: State> Work<V> {
-    /// For states like this one.
+    /// Work vectors of the same size as this state.
     #[inline(always)]
     pub fn like(state: &V) -> Self {
         let new = || state.clone();
@@ -81,7 +81,7 @@ impl<V: State> Work<V> {
 }
 
 impl Nonlinear {
-    /// `None` when no effect is a nonlinear one.
+    /// `None` when no effect is nonlinear.
     pub fn new(effects: &[(Effect, Place)], n: usize, m: usize) -> Option<Self> {
         let (mut smooths, mut parts) = (Vec::new(), Vec::new());
         for (index, (effect, place)) in effects.iter().enumerate() {
@@ -121,13 +121,13 @@ impl Nonlinear {
         Some(all)
     }
 
-    /// Whether something acts for a part of the time.
+    /// True when an effect has a time window.
     pub fn has_windows(&self) -> bool {
         let parts = self.parts.iter().map(|part| &part.switch);
         self.smooths.iter().map(|(switch, _)| switch).chain(parts).any(|switch| !switch.is_always())
     }
 
-    /// Lets act what does at `t`.
+    /// Selects the effects that act at `t`.
     pub fn choose(&mut self, t: f64) {
         self.smooth_acting = 0;
         for (_, smooth) in self.smooths.iter().filter(|(switch, _)| switch.is_on(t)) {
@@ -148,7 +148,7 @@ impl Nonlinear {
         }
     }
 
-    /// Switches an effect, if it is one of these; whether it is.
+    /// Switches an effect; true if it is one of these.
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
         let parts = self.parts.iter_mut().map(|part| &mut part.switch);
         self.smooths.iter_mut().map(|(switch, _)| switch).chain(parts).any(|switch| switch.set(effect, on))
@@ -162,7 +162,7 @@ impl Nonlinear {
         &self.friction[..self.friction_acting]
     }
 
-    /// Halvings that a substep must offer: Lawson's method looks at half a step of the deepest.
+    /// Number of halvings that a substep must provide: Lawson's method uses half a step of the deepest.
     pub fn levels(&self) -> usize {
         if self.parts.is_empty() { DEEPEST_SMOOTH + 2 } else { DEEPEST + 2 }
     }
@@ -182,17 +182,18 @@ impl Nonlinear {
         }
     }
 
-    /// How often the substep must be halved for its smooth part.
+    /// Number of halvings that the smooth part of a substep needs.
     #[inline(always)]
     fn level(&self, length_s: f64, z: &[f64]) -> usize {
         let slope = self.smooth().iter().map(|s| match *s {
             Smooth::Drag(i, c) => 2.0 * (c * z[i]).abs(),
             Smooth::Cubic(from, onto, c) if from == onto => (3.0 * c * z[from] * z[from]).abs(),
-            // Across two states it is a stiffness, whose root is a frequency.
+            // Between two states it is a stiffness, whose square root is a frequency.
             Smooth::Cubic(from, _, c) => (3.0 * c * z[from] * z[from]).abs().sqrt(),
         });
-        // The method's error is of fourth order in both; at these shares it is about 1e-7 of the signal. Drag has a kink, about
-        // which the order is lower (see `attempt`): its steps are shorter against the linear part.
+        // The method's error is of fourth order in both; at these shares it is about 1e-7 of the signal. Drag
+        // has a kink, at which the order is lower (see `attempt`): its steps are shorter relative to the
+        // linear part.
         let drag = self.smooth().iter().any(|s| matches!(s, Smooth::Drag(..)));
         let share = if drag { 0.0625 } else { 0.25 };
         let needed = (slope.sum::<f64>() / 0.05).max(self.fastest / share) * length_s;
@@ -224,7 +225,7 @@ impl Nonlinear {
             self.rub(z.as_ref(), inputs);
             lawson(self.smooth(), levels, h, z, &self.inputs, work);
         }
-        // The second derivative of x abs(x) jumps at zero: the step that crosses it is made short.
+        // The second derivative of x abs(x) jumps at zero: a step that crosses it must be short.
         let (result, z) = (work.result.as_mut(), z.as_ref());
         let kinked = |s: &Smooth| matches!(*s, Smooth::Drag(i, _) if result[i] * z[i] < 0.0);
         if level < DEEPEST_SMOOTH && self.smooth().iter().any(kinked) {
@@ -233,7 +234,7 @@ impl Nonlinear {
         self.friction().is_empty() || self.settle(&levels[0], z, result, level == DEEPEST)
     }
 
-    /// Adds the forces of friction, against each state's motion, to the inputs.
+    /// Adds the friction forces, against each state's motion, to the inputs.
     fn rub(&mut self, z: &[f64], inputs: &[f64]) {
         let (given, rest) = self.inputs.split_at_mut(inputs.len());
         given.copy_from_slice(inputs);
@@ -255,7 +256,8 @@ impl Nonlinear {
         if !deepest && self.friction().iter().any(|f| crosses(result, f.state)) {
             return false;
         }
-        // The forces couple weakly through the other states within so short a time: a few sweeps suffice.
+        // The forces are weakly coupled through the other states within so short a time: a few sweeps
+        // suffice.
         let free = Set::of(self.friction().iter().map(|f| z[f.state] == 0.0 || crosses(result, f.state)));
         let mut breaks_away = false;
         for sweep in 0..4 {
@@ -341,7 +343,7 @@ fn add(sum: &mut [f64], z: &[f64], h: f64, k: &[f64]) {
     }
 }
 
-/// The coarsest level whose steps begin at this position.
+/// The coarsest level whose steps can begin at this position.
 fn alignment(done: usize) -> usize {
     if done == 0 { 0 } else { DEEPEST - (done.trailing_zeros() as usize).min(DEEPEST) }
 }

@@ -1,4 +1,4 @@
-//! Many steps at once.
+//! Simulation of many steps at once.
 
 use multiversion::multiversion;
 
@@ -26,13 +26,14 @@ impl Simulator {
         }
     }
 
-    /// Rows for blocks of this simulator.
+    /// Buffers for blocks of this simulator.
     pub fn rows(&self) -> Rows {
         Rows::new(self.z.len(), self.m, self.sensors.fresh().len())
     }
 
-    /// Runs at most [`Rows::MOST`] steps, one for each row of `inputs` (steps x inputs, row after row): the same as
-    /// [`apply`](Self::apply), [`measure`](Self::measure) and [`advance`](Self::advance) for each of them, and faster.
+    /// Runs at most [`Rows::MOST`] steps, one for each row of `inputs` (steps x inputs, row after row):
+    /// equivalent to [`apply`](Self::apply), [`measure`](Self::measure) and [`advance`](Self::advance) for
+    /// each of them, and faster.
     ///
     /// # Panics
     /// When `inputs` has more rows, and when `rows` was made for another simulator.
@@ -40,8 +41,9 @@ impl Simulator {
         self.run_forced_block(inputs, None, rows);
     }
 
-    /// As [`run_block`](Self::run_block) with a force on one state besides, a value a step, in the unit of the state's
-    /// derivative: the same as [`disturb`](Self::disturb) before each step.
+    /// Runs steps as [`run_block`](Self::run_block) with an additional force on one state, one value per
+    /// step, in the unit of the state's derivative: equivalent to [`disturb`](Self::disturb) before each
+    /// step.
     ///
     /// # Panics
     /// As [`run_block`](Self::run_block), and when the force has not a value for each step.
@@ -101,7 +103,7 @@ impl Simulator {
             self.advance_state(&mut z, &mut work);
         }
         self.z.copy_from_slice(&z);
-        // Expected disturbances follow from the time alone.
+        // Expected disturbances depend on time only.
         self.disturbances.advance(self.step);
         self.sensors.measure_block(first, rows);
     }

@@ -1,24 +1,24 @@
-//! Room for many steps at once.
+//! Buffers for many steps at once.
 
-/// Steps of a block: its rows stay in the processor's first cache.
+/// Steps per block: its rows fit into the first-level cache.
 pub const BLOCK: usize = 64;
 
-/// What a simulator went through in a block of steps.
+/// States, inputs and outputs of a simulator over a block of steps.
 #[derive(Debug, Clone)]
 pub struct Rows {
-    /// Steps in the block.
+    /// Number of steps in the block.
     pub(super) length: usize,
-    /// Entry after entry of z, of the inputs, and of the outputs, each with the values of all steps.
+    /// All entries of z, of the inputs, and of the outputs, each with its values over all steps.
     pub(super) states: Vec<f64>,
     pub(super) inputs: Vec<f64>,
     pub(super) outputs: Vec<f64>,
 }
 
 impl Rows {
-    /// Steps in a block, at most.
+    /// Largest number of steps per block.
     pub const MOST: usize = BLOCK;
 
-    /// For so many entries of z, inputs and outputs.
+    /// Buffers for these numbers of entries of z, inputs and outputs.
     pub(super) fn new(states: usize, inputs: usize, outputs: usize) -> Self {
         let rows = |entries: usize| vec![0.0; entries * BLOCK];
         Self { length: 0, states: rows(states), inputs: rows(inputs), outputs: rows(outputs) }

@@ -1,7 +1,7 @@
-//! One period cut into substeps in which nothing but the state changes.
+//! A period split into substeps with constant inputs.
 //!
-//! Cuts come from fractional delays, in every period alike, and from single events: the edges of a pulse, a mode
-//! transition. Over a substep all inputs are constant, so one matrix exponential solves it exactly.
+//! Splits come from fractional delays, in every period alike, and from single events: the edges of a pulse, a
+//! mode transition. Over a substep all inputs are constant, so one matrix exponential solves it exactly.
 
 use nalgebra::DMatrix;
 
@@ -11,33 +11,34 @@ use super::kernel::Kernel;
 use super::known_steps;
 use crate::error::SimulatorError;
 
-/// A time as step and offset within the step.
+/// A time as index of the step and offset within it, s.
 pub type Moment = (u64, f64);
 
-/// A stretch of a period.
+/// A part of a period with constant inputs.
 #[derive(Debug, Clone)]
 pub struct Substep {
     /// Offset from the period's start, s.
     pub start_s: f64,
     /// Length, s.
     pub length_s: f64,
-    /// The step over the whole length, its half, its quarter and so on. Inputs are v, then one per own state.
+    /// Discretisations over the whole length, its half, its quarter and so on. Inputs are v, then one per own
+    /// state.
     pub levels: Vec<Kernel>,
 }
 
-/// Which substeps make up which period.
+/// Substeps of every period.
 #[derive(Debug, Clone)]
 pub struct Schedule {
-    /// From which step on which substeps are used, ascending, beginning with step 0.
+    /// Regular substeps and the step from which they apply, ascending, beginning with step 0.
     regular: Vec<(u64, Vec<Substep>)>,
-    /// Single periods with cuts of their own, ascending.
+    /// Single periods with additional splits, ascending.
     special: Vec<(u64, Vec<Substep>)>,
     next_regular: usize,
     next_special: usize,
 }
 
 impl Schedule {
-    /// `cuts_s` cut every period; `events` only their own; `levels` is how often a substep can be halved.
+    /// `cuts_s` split every period, `events` only their own; `levels` is the number of halvings of a substep.
     pub fn new(
         system: &System,
         period_s: f64,
@@ -84,7 +85,7 @@ impl Schedule {
         Ok(Self { regular, special, next_regular: 0, next_special: 0 })
     }
 
-    /// The kernel of all periods but the special ones, where there is one for all; and which periods are special.
+    /// The kernel of all periods but the special ones, where it is the same for all; and the special periods.
     pub fn one_kernel(&self) -> Option<(&Kernel, impl Iterator<Item = u64>)> {
         match &self.regular[..] {
             [(_, substeps)] if substeps.len() == 1 => {

@@ -1,4 +1,4 @@
-//! One sensor: from what an output really is to what it reports.
+//! One sensor: from the true output to the reported value.
 
 use std::f64::consts::TAU;
 
@@ -15,7 +15,7 @@ pub fn quantize(value: f64, step: f64) -> f64 {
     if step == 0.0 { value } else { step * libm::round(value / step) }
 }
 
-/// What scale, bias and drift of a sensor are for a part of the time.
+/// Scale, bias and drift effects of a sensor with a time window.
 #[derive(Debug, Clone)]
 struct Passing {
     switch: Switch,
@@ -43,7 +43,7 @@ pub(super) struct EngineTone {
 }
 
 impl EngineTone {
-    /// What it adds now, if anything.
+    /// Current contribution, if any.
     #[inline(always)]
     pub(super) fn value(&self, engine: Engine, frequencies: &[(f64, f64, f64)]) -> Option<f64> {
         let amplitude = self.amplitudes[engine as usize];
@@ -54,14 +54,14 @@ impl EngineTone {
 
 #[derive(Debug, Clone)]
 pub(super) struct Sensor {
-    /// The motion, without and with the sensor's own lag.
+    /// Rows of the motion, without and with the sensor's own lag.
     pub(super) ideal: Row,
     pub(super) lagged: Row,
-    /// The past that delays look at, and where among them the delay in force looks.
+    /// Stored past values for delays, and the index of the delay in force.
     pub(super) taps: Vec<Tap>,
     pub(super) tap: Option<usize>,
     pub(super) every: u64,
-    /// The step from which on a new value is due.
+    /// Step from which a new value is due.
     pub(super) due: u64,
     pub(super) gain: f64,
     pub(super) offset: f64,
@@ -69,7 +69,7 @@ pub(super) struct Sensor {
     passing: Vec<Passing>,
     tones: Vec<Tone>,
     pub(super) engine: Option<EngineTone>,
-    /// Declared noise, then that of effects; the same for rounding.
+    /// Declared noise, then that of effects; likewise for rounding.
     pub(super) noise: Vec<(f64, Normals)>,
     more_noise: Vec<(Switch, f64, Stream)>,
     pub(super) rounding: Vec<f64>,
@@ -77,13 +77,13 @@ pub(super) struct Sensor {
     limits: Vec<(Switch, f64, f64)>,
     dropouts: Vec<(Switch, f64, Stream)>,
     outliers: Vec<(Switch, f64, f64, Stream)>,
-    /// Last value before outliers: what a dropout repeats.
+    /// Last value before outliers, which a dropout repeats.
     delivered: Option<f64>,
-    /// Scale, offset and drift are all there is while the engine is off.
+    /// True when only scale, offset and drift act while the engine is off.
     pub(super) plain: bool,
 }
 
-/// The sensor that a vehicle file declares; it feels nothing of effects yet.
+/// The sensor of a vehicle file, without effects.
 pub(super) fn declared(
     output: &Output,
     (ideal, lagged): &(Row, Row),
@@ -131,7 +131,7 @@ pub(super) fn declared(
 }
 
 impl Sensor {
-    /// Adds an effect; random ones and rounding only act with a stream.
+    /// Adds an effect; random effects and rounding act only with a stream.
     pub(super) fn add(&mut self, effect: &Effect, switch: Switch, stream: Option<Stream>) {
         let always = effect.window().is_always();
         let one = Passing { switch: switch.clone(), gain: 1.0, offset: 0.0, drift: 0.0 };
@@ -161,13 +161,13 @@ impl Sensor {
         }
     }
 
-    /// What the motion was a delay ago, where there is one.
+    /// Value of the motion before the delay, where there is one.
     #[inline(always)]
     pub(super) fn late(&self) -> Option<f64> {
         self.tap.map(|at| self.taps[at].value())
     }
 
-    /// Where to look for an output of this delay, which is kept from now on.
+    /// Index of the stored values for an output of this delay, which are kept from now on.
     pub(super) fn keep(&mut self, delay_s: f64, period_s: f64) -> Option<usize> {
         let tap = Tap::new(delay_s, period_s)?;
         let known = self.taps.iter().position(|t| t.looks_like(&tap));
@@ -177,7 +177,7 @@ impl Sensor {
         }))
     }
 
-    /// Switches an effect, if it is one of these that can be; whether it is.
+    /// Switches an effect; true if it is one of these and switchable.
     pub(super) fn switch(&mut self, effect: usize, on: bool) -> bool {
         let passing = self.passing.iter_mut().map(|p| &mut p.switch);
         let tones = self.tones.iter_mut().map(|tone| &mut tone.switch);
@@ -194,7 +194,7 @@ impl Sensor {
         self.is_as_declared() && self.noise.is_empty() && self.rounding.is_empty()
     }
 
-    /// Whether nothing acts but scale, offset, drift and what the vehicle file declares.
+    /// True when only scale, offset, drift and the vehicle file's own errors act.
     pub(super) fn is_as_declared(&self) -> bool {
         self.tones.is_empty()
             && self.passing.is_empty()
@@ -229,7 +229,7 @@ impl Sensor {
         for (std, normals) in &mut self.noise {
             value += *std * normals.next();
         }
-        // Random numbers are drawn in any case, so that every sample takes the same.
+        // Random numbers are always drawn, so that every sample uses the same number of them.
         for (switch, std, stream) in &mut self.more_noise {
             let normal = stream.normal();
             if switch.is_on(t) {

@@ -1,4 +1,4 @@
-//! From the motion to what the sensors report.
+//! All sensors: from the motion to the reported values.
 
 use super::combinations::Combinations;
 use super::compile::Row;
@@ -10,7 +10,7 @@ use crate::effects::{Effect, Kind, Place};
 use crate::model::{Engine, Vehicle};
 use crate::random::Stream;
 
-/// What a combination of switched effects makes of a sensor.
+/// Sensor settings that depend on the combination of switched effects.
 #[derive(Debug, Clone)]
 struct Chosen {
     rows: (Row, Row),
@@ -22,22 +22,23 @@ struct Chosen {
 pub struct Sensors {
     period_s: f64,
     pub(super) sensors: Vec<Sensor>,
-    /// Distinct frequencies of declared vibrations, Hz, and sine and cosine of their phase at the present step.
+    /// Distinct frequencies of declared vibrations, Hz, with sine and cosine of their phase at the current
+    /// step.
     pub(super) frequencies: Vec<(f64, f64, f64)>,
-    /// True when a sensor looks back in time.
+    /// True when a sensor has a delay.
     pub(super) delayed: bool,
     /// True for expected values.
     expected: bool,
-    /// Pairs of outputs that turn into each other: indices, cosine, sine.
+    /// Misaligned pairs of outputs: indices, cosine, sine.
     pub(super) turned: Vec<(usize, usize, f64, f64, Switch)>,
-    /// What is different in each combination of switched effects, and which of them is in force; of that one the rows are
-    /// with the sensors.
+    /// Settings of each combination of switched effects, and the index of the current one, whose rows are
+    /// stored with the sensors.
     combinations: Vec<Vec<Chosen>>,
     combination: usize,
     motion: Vec<f64>,
     values: Vec<f64>,
     fresh: Vec<bool>,
-    /// The step that `values` belong to.
+    /// Step of `values`.
     measured: Option<u64>,
 }
 
@@ -102,7 +103,7 @@ impl Sensors {
         }
     }
 
-    /// Offsets inside every step at which a delayed output must be looked at.
+    /// Offsets inside every step at which a delayed output must be sampled.
     pub fn cuts_s(&self) -> impl Iterator<Item = f64> + '_ {
         self.sensors.iter().flat_map(|s| &s.taps).map(|tap| tap.offset_s).filter(|o| *o > 0.0)
     }
@@ -116,7 +117,7 @@ impl Sensors {
         self.delayed
     }
 
-    /// Looks at the motion as it is in a combination of switched effects.
+    /// Selects the settings of a combination of switched effects.
     pub fn choose(&mut self, combination: usize) {
         let before = std::mem::replace(&mut self.combination, combination);
         if before == combination {
@@ -132,7 +133,7 @@ impl Sensors {
         }
     }
 
-    /// The past becomes what the outputs are now.
+    /// Sets all past values to the current outputs.
     pub fn fill_past(&mut self, z: &[f64], v: &[f64]) {
         for sensor in &mut self.sensors {
             let value = sensor.lagged.value(z, v);
@@ -141,7 +142,7 @@ impl Sensors {
         self.measured = None;
     }
 
-    /// Lets delayed outputs remember what they are at this offset of a step.
+    /// Stores the values of delayed outputs at this offset of a step.
     pub fn remember(&mut self, offset_s: f64, z: &[f64], v: &[f64]) {
         if !self.delayed {
             return;
@@ -154,7 +155,7 @@ impl Sensors {
         }
     }
 
-    /// What the outputs would be without any sensor.
+    /// Outputs without sensor errors.
     pub fn ideal(&self, z: &[f64], v: &[f64], out: &mut [f64]) {
         for (value, sensor) in out.iter_mut().zip(&self.sensors) {
             *value = sensor.ideal.value(z, v);
@@ -186,7 +187,7 @@ impl Sensors {
             }
         }
         for (index, sensor) in self.sensors.iter_mut().enumerate() {
-            // The first measurement is fresh at whatever step it is; later ones fall on multiples of the divider.
+            // The first measurement is fresh at any step; later ones are at multiples of the divider.
             self.fresh[index] = step >= sensor.due;
             if self.fresh[index] {
                 sensor.due =
@@ -201,7 +202,7 @@ impl Sensors {
         &self.values
     }
 
-    /// What late outputs are at a step, put among those of other steps of a block.
+    /// Writes the delayed outputs of a step to the rows of a block.
     #[inline]
     pub fn recall(&self, rows: &mut Rows, row: usize) {
         if self.delayed {
@@ -213,8 +214,8 @@ impl Sensors {
         }
     }
 
-    /// Measures all steps of a block, of which the first is `step`: late outputs are there already. As [`Sensors::measure`]
-    /// one by one, with the engine off and every output fresh.
+    /// Measures all steps of a block that begins at `step`, in which delayed outputs are already written.
+    /// Equivalent to [`Sensors::measure`] one by one, with the engine off and every output fresh.
     #[inline(always)]
     pub fn measure_block(&mut self, step: u64, rows: &mut Rows) {
         let Rows { length, states, inputs, outputs } = rows;
@@ -243,7 +244,7 @@ impl Sensors {
         }
     }
 
-    /// Switches an effect on a sensor; whether there is such a one.
+    /// Switches an effect on a sensor; true if it exists.
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
         // A misalignment turns up to two pairs.
         let turned =

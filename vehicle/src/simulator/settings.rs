@@ -1,7 +1,7 @@
-//! What a vehicle is with some of its effects switched off: the matrices of a step, delays and rows of outputs for every
-//! combination of those that change them, all made beforehand, so that a step only has to choose.
+//! Settings of a vehicle for every combination of switched effects: discretisations, delays and output rows,
+//! all computed in advance, so that a step only has to select them.
 //!
-//! No state jumps where an effect begins or ends: the state of a filter that is off follows the signal that passes it.
+//! No state jumps where an effect begins or ends: the state of an inactive filter follows its signal.
 
 use super::combinations::{Combination, Combinations};
 use super::compile::Rest;
@@ -12,18 +12,18 @@ use super::switch::Switch;
 use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
 
-/// What a step needs of a combination.
+/// Settings of one combination.
 #[derive(Debug, Clone)]
 pub struct Setting {
-    /// Matrices of a period.
+    /// Discretisations of a period.
     pub schedule: Schedule,
-    /// What filters settle to.
+    /// Steady states of filters.
     pub rests: Vec<Rest>,
-    /// Delay of each input: whole periods and a rest in s.
+    /// Delay of each input: whole periods and a remainder in s.
     pub delays: Vec<(u64, f64)>,
 }
 
-/// All of them, and which one is in force.
+/// All settings, and the index of the current one.
 #[derive(Debug, Clone)]
 pub struct Settings {
     period_s: f64,
@@ -33,6 +33,8 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Computes all settings.
+    ///
     /// # Errors
     /// When a model overflows in one period.
     pub fn new(
@@ -60,27 +62,28 @@ impl Settings {
         })
     }
 
-    /// Whether there is nothing to choose.
+    /// True when there is only one setting.
     pub fn is_one(&self) -> bool {
         self.switches.is_empty()
     }
 
-    /// Which one is in force.
+    /// Index of the current setting.
     pub fn index(&self) -> usize {
         self.now
     }
 
-    /// The one in force.
+    /// The current setting.
     pub fn now(&self) -> &Setting {
         &self.all[self.now]
     }
 
-    /// The matrices of a step in force; steps must be asked for in ascending order.
+    /// Current discretisations of a step; steps must be requested in ascending order.
     pub fn schedule(&mut self) -> &mut Schedule {
         &mut self.all[self.now].schedule
     }
 
-    /// Chooses the one for a step; whether it is another. An effect begins and ends at the boundary of steps next to its moment.
+    /// Selects the setting of a step; true if it changed. An effect begins and ends at the nearest step
+    /// boundary.
     pub fn choose(&mut self, step: u64) -> bool {
         let t = (step as f64 + 0.5) * self.period_s;
         let on = self.switches.iter().enumerate().map(|(bit, switch)| usize::from(switch.is_on(t)) << bit);
@@ -88,7 +91,7 @@ impl Settings {
         self.now != before
     }
 
-    /// Switches an effect, if it is one of these; whether it is.
+    /// Switches an effect; true if it is one of these.
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
         self.switches.iter_mut().any(|switch| switch.set(effect, on))
     }

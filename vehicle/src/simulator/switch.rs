@@ -1,8 +1,8 @@
-//! Whether an effect acts at a moment.
+//! Switches of effects, by time window or by hand.
 
 use crate::effects::{Effect, Kind, Window};
 
-/// The window of an effect, until somebody switches it by hand.
+/// State of an effect's switch: its window, until it is switched by hand.
 #[derive(Debug, Clone)]
 pub struct Switch {
     /// Index of the effect in the vehicle.
@@ -21,28 +21,28 @@ impl Switch {
         Self { effect, window, by_hand: None }
     }
 
-    /// Whether it never has anything to do.
+    /// True when the effect always acts.
     pub fn is_always(&self) -> bool {
         self.window.is_always()
     }
 
-    /// Whether the effect acts at `t`.
+    /// True when the effect acts at `t`.
     #[inline]
     pub fn is_on(&self, t: f64) -> bool {
         self.by_hand.unwrap_or_else(|| self.window.holds(t))
     }
 
-    /// Time since the effect began, for what grows with it.
+    /// Time since the effect began, s, for effects that grow with it.
     pub fn since(&self, t: f64) -> f64 {
         t - self.window.from_s.unwrap_or(0.0)
     }
 
-    /// Whether this is the switch of that effect.
+    /// True when this is the switch of that effect.
     pub fn is_of(&self, effect: usize) -> bool {
         self.effect == effect
     }
 
-    /// Switches, if this is the effect; whether it is.
+    /// Switches the effect; true if this is its switch.
     pub fn set(&mut self, effect: usize, on: bool) -> bool {
         let is_meant = effect == self.effect && !self.window.is_always();
         if is_meant {

@@ -1,46 +1,46 @@
-//! The past of an output, for sensors that are late.
+//! Past values of an output, for sensors with a delay.
 
 use super::inputs::split;
 
-/// What is remembered of an output.
+/// Stored values of an output for one delay.
 #[derive(Debug, Clone)]
 pub struct Tap {
-    /// Offset within a step at which the output is sampled for later, s.
+    /// Offset within a step at which the output is sampled, s.
     pub offset_s: f64,
-    /// How many samples back the sensor looks, 1 being the last one taken.
+    /// Number of samples by which the sensor looks back, 1 being the last one.
     back: usize,
     ring: Vec<f64>,
     newest: usize,
 }
 
 impl Tap {
-    /// `None` without delay.
+    /// `None` without a delay.
     pub fn new(delay_s: f64, period_s: f64) -> Option<Self> {
         let (whole, fraction) = split(delay_s, period_s);
-        // At t_k the output of t_k - whole T - fraction is wanted, which lies in the step before.
+        // At t_k the output at t_k - whole T - fraction is needed, which lies in the previous step.
         let (offset_s, back) =
             if fraction == 0.0 { (0.0, whole as usize) } else { (period_s - fraction, whole as usize + 1) };
         (back > 0).then(|| Self { offset_s, back, ring: vec![0.0; back], newest: 0 })
     }
 
-    /// Whether it is of the same delay.
+    /// True when it has the same delay.
     pub fn looks_like(&self, other: &Self) -> bool {
         (self.offset_s, self.back) == (other.offset_s, other.back)
     }
 
-    /// Takes the output at the tap's offset.
+    /// Stores the output at the tap's offset.
     pub fn push(&mut self, value: f64) {
         self.newest = if self.newest + 1 == self.back { 0 } else { self.newest + 1 };
         self.ring[self.newest] = value;
     }
 
-    /// The output as it was a delay ago.
+    /// The output one delay ago.
     pub fn value(&self) -> f64 {
         // The ring is exactly as long as the delay: the oldest entry is the next to be overwritten.
         self.ring[if self.newest + 1 == self.back { 0 } else { self.newest + 1 }]
     }
 
-    /// The whole past becomes this value.
+    /// Sets all past values to this value.
     pub fn fill(&mut self, value: f64) {
         self.ring.fill(value);
     }

@@ -167,7 +167,7 @@ fn deterministic_sensor_effects_are_their_formulas() {
     check(&[(Kind::Vibration, "p", tone)], &|y, t| y + 0.2 * (TAU * 7.3 * t + 0.4).sin());
     check(&[(Kind::Quantization, "p", &[("step", 0.25)])], &|y, _| (y / 0.25).round() * 0.25);
     check(&[(Kind::OutputSaturation, "p", &[("lower", 2.1), ("upper", 2.6)])], &|y, _| y.clamp(2.1, 2.6));
-    // In their order: scale, bias, drift, rounding, limits, whatever the order in the file.
+    // Order: scale, bias, drift, rounding, limits, whatever the order in the file.
     check(
         &[
             (Kind::OutputSaturation, "p", &[("lower", -9.0), ("upper", 2.3)]),
@@ -382,7 +382,7 @@ fn a_record_from_the_middle_of_a_motion_holds_its_first_command() {
         };
         (0..50).map(step).collect()
     };
-    // The command was 2 before and stays: the force is what it will be for ever, play taken up.
+    // The command was 2 before and stays: the force is constant, with the backlash taken up.
     let vehicle = with(cart(), &late);
     let held = speeds(Simulator::expected_from(&vehicle, PERIOD, &[2.0]).unwrap());
     let force = held[0] / PERIOD;
@@ -390,7 +390,7 @@ fn a_record_from_the_middle_of_a_motion_holds_its_first_command() {
     for (k, v) in held.iter().enumerate() {
         assert!((v - force * PERIOD * (k + 1) as f64).abs() < 1e-9, "{k}: {v}");
     }
-    // From rest, nothing acts at first; what no number was before is rest.
+    // From rest, nothing acts at first; a command that is not finite stands for rest.
     let rest = speeds(Simulator::expected(&vehicle, PERIOD).unwrap());
     assert_eq!(rest[..2], [0.0, 0.0]);
     assert_eq!(rest, speeds(Simulator::expected_from(&vehicle, PERIOD, &[f64::NAN]).unwrap()));

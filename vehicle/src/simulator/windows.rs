@@ -3,15 +3,15 @@
 use super::{Dynamics, Simulator};
 
 impl Simulator {
-    /// Lets act what does in the present step.
+    /// Selects the effects that act in the current step.
     pub(super) fn choose(&mut self) {
         if let Dynamics::Extended(extended) = &mut self.dynamics {
             extended.choose(self.step, &mut self.sensors);
         }
     }
 
-    /// Switches the effect of that index in the vehicle, from now on whatever its window says; false for one that has no
-    /// window.
+    /// Switches the effect with that index in the vehicle, overriding its window from now on; false for one
+    /// that has no window.
     pub fn switch(&mut self, effect: usize, on: bool) -> bool {
         let on_motion = match &mut self.dynamics {
             Dynamics::Plain(_) => false,
@@ -23,8 +23,9 @@ impl Simulator {
         is_one
     }
 
-    /// Puts what the effect of that index in the vehicle remembers of its input: the output of an actuator lag, the position of a
-    /// rate limit or of play, as the present step finds it. False for an effect that does not remember one value.
+    /// Sets the stored value of the effect with that index in the vehicle, as at the current step: the output
+    /// of an actuator lag, the position of a rate limit or backlash. False for an effect that does not store
+    /// one value.
     pub fn put(&mut self, effect: usize, value: f64) -> bool {
         match &mut self.dynamics {
             Dynamics::Plain(_) => false,
@@ -32,7 +33,8 @@ impl Simulator {
         }
     }
 
-    /// Whether something in the motion begins or ends with a step, so that steps are to be taken one by one.
+    /// True when an effect on the motion begins or ends with a step, so that steps must be simulated one by
+    /// one.
     pub(super) fn has_windows(&self) -> bool {
         let extended = match &self.dynamics {
             Dynamics::Plain(_) => false,

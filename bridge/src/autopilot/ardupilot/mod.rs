@@ -1,9 +1,9 @@
 //! ArduPilot's JSON interface: servo pulses in, one line of JSON out.
 //!
-//! The simulator binds UDP 9002. ArduPilot sends a packet of servo pulses from any port, waits for the answer that
-//! holds the state of the vehicle, computes one step and sends the next packet. So ArduPilot runs in lockstep with
-//! the answers, and its clock follows their time stamps. A packet with the number of the one before says that the
-//! answer was lost, and is answered with the same line again. Numbers that begin anew say that ArduPilot did.
+//! The simulator binds UDP 9002. ArduPilot sends a packet of servo pulses from any port, waits for the answer
+//! with the state of the vehicle, computes one step and sends the next packet. So ArduPilot runs in lockstep
+//! with the answers, and its clock follows their time stamps. A repeated packet number means that the answer
+//! was lost, and is answered with the same line again. Numbers that restart mean that ArduPilot restarted.
 //!
 //! Source: <https://ardupilot.org/dev/docs/sitl-with-JSON.html>.
 
@@ -24,22 +24,23 @@ pub use packet::{PacketError, ServoPacket};
 /// The UDP port that ArduPilot sends to.
 pub const PORT: u16 = 9002;
 
-/// Output of each motor of a quad in the order of the mixer's frames, which is ArduPilot's own.
+/// Output of each motor of a quad in the order of the mixer's frames, which is ArduPilot's own order.
 pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
 
-/// A packet with a smaller number is an old one while newer ones came this short a time ago, and a restart after that.
+/// Silence after which a packet with a smaller number means a restart; before it, the packet is an old one.
 /// ArduPilot repeats an unanswered packet once a second and needs longer than this to start.
 const SILENCE: Duration = Duration::from_millis(500);
 
-/// Options of the link to ArduPilot, and how its pulses are read.
+/// Options of the link to ArduPilot, with the range of its pulses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ArdupilotOptions {
-    /// Where ArduPilot's packets come in, `udpin://ADDRESS:PORT`; they are answered to their sender.
+    /// Address on which ArduPilot's packets arrive, `udpin://ADDRESS:PORT`; they are answered to their
+    /// sender.
     pub link: String,
-    /// The only address that is believed; absent: the first that speaks validly.
+    /// The only accepted sender; absent: the first one with a valid packet.
     pub peer: Option<Pin>,
-    /// Pulse of a motor that stands still, or of a servo at -1, us.
+    /// Pulse of a motor at rest, or of a servo at -1, us.
     pub pwm_min: u16,
     /// Pulse of a motor at full thrust, or of a servo at 1, us.
     pub pwm_max: u16,
@@ -51,19 +52,19 @@ impl Default for ArdupilotOptions {
     }
 }
 
-/// The conversation with ArduPilot.
+/// State of the conversation with ArduPilot.
 #[derive(Debug, Clone)]
 pub struct Ardupilot {
     options: ArdupilotOptions,
     motors: bool,
     last: Option<Last>,
-    /// The packet with the last number is not yet answered.
+    /// True while the packet with the last number is unanswered.
     waiting: bool,
     /// The last answer, to be repeated when it was lost.
     answer: String,
-    /// Answers since the last packet: the next number is at most so much greater.
+    /// Number of answers since the last packet, by which the next packet number may increase at most.
     answers: u32,
-    /// Sensor time at which ArduPilot began: its clock starts at zero.
+    /// Sensor time at which ArduPilot started, as its clock starts at zero, ns.
     began_ns: Option<u64>,
     events: [Option<Event>; 2],
     counts: Counts,
@@ -76,7 +77,7 @@ struct Last {
 }
 
 impl Ardupilot {
-    /// A conversation that has not begun; `motors` says that outputs are motors and not servos.
+    /// A new conversation; `motors` is true when outputs are motors and not servos.
     pub fn new(options: ArdupilotOptions, motors: bool) -> Self {
         Self {
             options,
@@ -95,7 +96,7 @@ impl Ardupilot {
         let (low, high) = (f64::from(self.options.pwm_min), f64::from(self.options.pwm_max));
         let (mut values, mut beyond) = ([0.0; MAX_OUTPUTS], 0);
         for (i, (value, &pwm)) in values.iter_mut().zip(packet.pulses()).enumerate() {
-            // No pulse at all: the output is not in use.
+            // A pulse of zero means an unused output.
             if pwm != 0 {
                 let share = (f64::from(pwm) - low) / (high - low);
                 *value =
@@ -144,7 +145,7 @@ impl Autopilot for Ardupilot {
                     send(0, self.answer.as_bytes());
                 }
             }
-            // ArduPilot counts the answers that it got.
+            // ArduPilot counts the answers received.
             Some(ahead) if ahead <= self.answers => {
                 self.counts.lost += u64::from(ahead - 1);
                 self.take(&packet, now);
@@ -170,7 +171,7 @@ impl Autopilot for Ardupilot {
     }
 
     fn sense(&mut self, sensors: &Sensors, _rc: &Rc, _now: Duration, send: &mut Send<'_>) {
-        // Unasked answers would make ArduPilot run ahead of its outputs.
+        // Unrequested answers would advance ArduPilot beyond its outputs.
         if !self.waiting {
             self.counts.skipped += 1;
             return;

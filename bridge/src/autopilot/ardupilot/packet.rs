@@ -4,16 +4,16 @@
 const MAGIC_16: u16 = 18458;
 /// First two bytes of a packet with 32 pulses.
 const MAGIC_32: u16 = 29569;
-/// Bytes in front of the pulses.
+/// Number of header bytes.
 const HEAD: usize = 8;
 
-/// Pulses beyond this are no servo pulses, us; zero is no pulse at all.
+/// Valid range of servo pulses, us; zero means no pulse.
 const PULSES: std::ops::RangeInclusive<u16> = 500..=2500;
 
 /// Pulses of all servos at one step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ServoPacket {
-    /// Steps a second that ArduPilot would like, Hz.
+    /// Step rate requested by ArduPilot, Hz.
     pub frame_rate: u16,
     /// Number of the step.
     pub number: u32,
@@ -21,27 +21,27 @@ pub struct ServoPacket {
     count: usize,
 }
 
-/// Why bytes are no packet of servo pulses.
+/// Reason why bytes are not a packet of servo pulses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PacketError {
-    /// Another length than the magic number says.
+    /// The length does not match the magic number.
     #[error("{0} bytes are no servo packet: 40 with 16 channels or 72 with 32 channels are expected")]
     Length(usize),
-    /// Not a magic number.
+    /// The magic number is unknown.
     #[error("the magic number is {0}: 18458 or 29569 is expected")]
     Magic(u16),
-    /// A pulse that no servo has.
+    /// A pulse is out of range.
     #[error("channel {channel} has a pulse of {pulse} us: 0 or 500 to 2500 us is expected")]
     Pulse {
-        /// From 1.
+        /// Channel number, from 1.
         channel: usize,
-        /// us.
+        /// Pulse width, us.
         pulse: u16,
     },
 }
 
 impl ServoPacket {
-    /// Reads a datagram.
+    /// Decodes a datagram.
     ///
     /// # Errors
     /// [`PacketError`] for bytes that are not such a packet.
@@ -77,7 +77,7 @@ impl ServoPacket {
         bytes
     }
 
-    /// The pulses, us; zero where there is none.
+    /// Pulses, us; zero for an unused output.
     pub fn pulses(&self) -> &[u16] {
         &self.pulses[..self.count]
     }

@@ -176,8 +176,8 @@ fn what_is_no_packet_is_refused_in_words() {
 }
 
 proptest! {
-    /// Datagrams that are repeated, overtaken, lost or cut off: outputs come in order, each once, and everything else
-    /// is counted.
+    /// Datagrams that are repeated, overtaken, lost or truncated: outputs arrive in order, each once, and
+    /// everything else is counted.
     #[test]
     fn a_bad_network_never_makes_a_wrong_output(
         fates in prop::collection::vec((0u8..6, 0usize..40, any::<u8>()), 1..200)
@@ -185,7 +185,7 @@ proptest! {
         let mut bench = Bench::new();
         let (mut number, mut last, mut received) = (0u32, None::<u32>, 0u64);
         for (fate, at, byte) in fates {
-            // The pulse of a packet tells its number.
+            // The pulse of a packet encodes its number.
             let original = |n: u32| packet(n, pulses(1000 + (n % 1000) as u16));
             let mut bytes = original(number);
             let mut whole = true;

@@ -1,10 +1,11 @@
 //! Betaflight's software-in-the-loop interface: motor outputs in, vehicle state and pilot's channels out.
 //!
-//! Betaflight runs in real time beside the bench and waits for nobody. Its clock runs at the ratio of told to wall time
-//! between the last two state packets that it took in (`updateState`, `micros64`): of two that waited for it together the
-//! second comes microseconds after the first, and its clock then runs hundreds of times too fast until the next one. It
-//! misses its pilot and disarms, and its estimator turns too far. Packets of the same time leave the rate at its first
-//! value, one, and are used like any other. So all of them tell the same time, and no packet need be held back.
+//! Betaflight runs in real time beside the bench, without lockstep. Its clock runs at the ratio of packet
+//! time to wall time between the last two state packets that it received (`updateState`, `micros64`): of two
+//! packets waiting together the second is processed microseconds after the first, and its clock then runs
+//! hundreds of times too fast until the next one. It loses its pilot and disarms, and its estimator turns too
+//! far. Packets with equal times leave the rate at its initial value, one, and are used like any other. So
+//! all packets have the same time, and none need be held back.
 //!
 //! | direction | port | packet |
 //! |---|---|---|
@@ -13,8 +14,8 @@
 //! | to Betaflight | 9003 | `fdm_packet`: 18 f64 |
 //! | to Betaflight | 9004 | `rc_packet`: f64 time, u16\[16\] pulses in us |
 //!
-//! All are little-endian. Betaflight has these ports from its compilation. Over TCP 5761 it is asked in the MultiWii Serial
-//! Protocol why it is not armed.
+//! All are little-endian. The ports are compiled into Betaflight. Over TCP 5761 it is queried in the MultiWii
+//! Serial Protocol for the reason why it is not armed.
 //!
 //! Source: `src/platform/SIMULATOR/target/SITL/target.h` and `sitl.c` of Betaflight 2025.12 (`src/main/target/SITL` of
 //! older releases).
@@ -34,27 +35,27 @@ use crate::sensors::Sensors;
 
 pub use packet::{FDM_BYTES, Flavour, PacketError, RC_BYTES, parse_motors, parse_raw, raw_bytes};
 
-/// The ports by number: packets of pulses, packets of motors, state, channels.
+/// Ports by index: packets of pulses, packets of motors, state, channels.
 pub const PORTS: [u16; 4] = [9001, 9002, 9003, 9004];
-/// Index of the port on which `servo_packet_raw` comes.
+/// Index of the port of `servo_packet_raw`.
 pub const RAW: usize = 0;
-/// Index of the port on which `servo_packet` comes.
+/// Index of the port of `servo_packet`.
 pub const MOTORS: usize = 1;
-/// Index of the port to which the state goes.
+/// Index of the port for the state.
 pub const STATE: usize = 2;
-/// Index of the port to which the channels go.
+/// Index of the port for the channels.
 pub const CHANNELS: usize = 3;
 
-/// Index of the port on which it answers questions.
+/// Index of the port for MSP queries.
 pub const MSP: usize = 4;
 
-/// Where Betaflight answers questions.
+/// Usual address of Betaflight's MSP port.
 pub const MSP_PLACE: &str = "tcpout://127.0.0.1:5761";
 
-/// Between two questions why it is not armed.
+/// Time between two queries for the reason why it is not armed.
 const ASK: Duration = Duration::from_millis(500);
 
-/// A motor above that turns.
+/// Smallest output of a running motor.
 const TURNING: f64 = 0.005;
 
 /// Betaflight's motor 1 is at the rear right, then front right, rear left, front left.
@@ -63,19 +64,20 @@ pub const NATIVE_ORDER: [usize; 4] = [2, 3, 4, 1];
 /// Time between two packets of channels: a receiver's 50 Hz.
 const CHANNEL_PERIOD: Duration = Duration::from_millis(20);
 
-/// Without outputs for this long it does not run, and gets no channels: those that come while it starts it would forget, and
-/// then know no pilot (`udpRCThread` makes them its receiver once, `rxInit` then sets it to another).
+/// Silence after which Betaflight is not running, and gets no channels: it would discard those received
+/// during its start and then have no receiver (`udpRCThread` makes them its receiver once, `rxInit` then sets
+/// it to another).
 const NOT_RUNNING: Duration = Duration::from_millis(500);
 
-/// Which packets hold the outputs.
+/// Packets from which the outputs are taken.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Packets {
     /// `servo_packet_raw`: motors and servos, in Betaflight's order in every release.
     #[default]
     Raw,
-    /// `servo_packet`: four motors. Releases before 2025.12 put them into Gazebo's order, which is that of the mixer's
-    /// frames: give the mixer `outputs = [1, 2, 3, 4]`.
+    /// `servo_packet`: four motors. Releases before 2025.12 send them in Gazebo's order, which is that of the
+    /// mixer's frames: give the mixer `outputs = [1, 2, 3, 4]`.
     Motors,
 }
 
@@ -83,19 +85,19 @@ pub enum Packets {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BetaflightOptions {
-    /// Address of the computer that Betaflight runs on.
+    /// Address of Betaflight's computer.
     pub host: String,
-    /// Address of this computer on which Betaflight's packets are awaited.
+    /// Address of this computer on which Betaflight's packets arrive.
     pub bind: String,
-    /// The only address whose packets are believed; absent: the first that speaks validly on each port.
+    /// The only accepted sender; absent: the first one with a valid packet on each port.
     pub peer: Option<Pin>,
-    /// The four ports, as Betaflight was compiled.
+    /// The four ports compiled into Betaflight.
     pub ports: [u16; 4],
     /// Format in which Betaflight reads state packets.
     pub flavour: Flavour,
     /// Packets from which the outputs are taken.
     pub packets: Packets,
-    /// Where it is asked why it is not armed; empty: nowhere.
+    /// Address of MSP queries for the reason why it is not armed; empty: none.
     pub msp: String,
 }
 
@@ -113,7 +115,7 @@ impl Default for BetaflightOptions {
     }
 }
 
-/// The conversation with Betaflight.
+/// State of the conversation with Betaflight.
 #[derive(Debug, Clone)]
 pub struct Betaflight {
     options: BetaflightOptions,
@@ -127,7 +129,7 @@ pub struct Betaflight {
     answers: Parser,
     turns: bool,
     next_ask: Duration,
-    /// Its flags, where its arm switch is, and why it is not armed, as that was told last.
+    /// Its arming flags, its arm switch, and the last reported reason why it is not armed.
     flags: ArmingFlags,
     switch: Option<ArmSwitch>,
     said: Option<String>,
@@ -136,7 +138,7 @@ pub struct Betaflight {
 }
 
 impl Betaflight {
-    /// A conversation; `motors` says that outputs are motors and not servos.
+    /// A new conversation; `motors` is true when outputs are motors and not servos.
     pub fn new(options: BetaflightOptions, motors: bool) -> Self {
         Self {
             options,
@@ -158,7 +160,7 @@ impl Betaflight {
         }
     }
 
-    /// Takes in answers; whether there was one.
+    /// Decodes answers; true if there was one.
     fn hear(&mut self, bytes: &[u8]) -> bool {
         self.answers.push(bytes);
         let mut valid = false;
@@ -173,7 +175,7 @@ impl Betaflight {
         valid
     }
 
-    /// Asks why it is not armed, while it is not, and tells it once its switch is on.
+    /// Queries the reason while it is not armed, and reports it once its switch is on.
     fn ask(&mut self, rc: &Rc, now: Duration, send: &mut Send<'_>) {
         if self.turns || self.options.msp.is_empty() {
             return;
@@ -194,7 +196,7 @@ impl Betaflight {
         }
     }
 
-    /// Why it cannot be armed, by what it answered.
+    /// Reason why it cannot be armed, according to its answers.
     fn why_not(&self, rc: &Rc) -> Option<String> {
         let (channel, pulse) = rc.switch();
         let switch = self.switch.and_then(|switch| switch.reason(channel, pulse));
@@ -209,7 +211,7 @@ impl Betaflight {
             for (i, (value, &pulse)) in values.iter_mut().zip(pulses.values()).enumerate() {
                 beyond |= u32::from(pulse != 0.0 && !(1000.0..=2000.0).contains(&pulse)) << i;
                 *value = match (pulse, self.motors) {
-                    // No pulse at all: the output is not in use.
+                    // A pulse of zero means an unused output.
                     (0.0, _) => 0.0,
                     (pulse, true) => ((pulse - 1000.0) / 1000.0).clamp(0.0, 1.0),
                     (pulse, false) => ((pulse - 1500.0) / 500.0).clamp(-1.0, 1.0),
@@ -242,7 +244,7 @@ impl Autopilot for Betaflight {
             self.counts.malformed += 1;
             return false;
         };
-        // The other packet says the same in another way.
+        // The other packet contains the same outputs.
         if (port == RAW) == (self.options.packets == Packets::Raw) {
             self.counts.outputs += 1;
             self.answered = true;

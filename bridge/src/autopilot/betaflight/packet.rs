@@ -17,50 +17,51 @@ pub const RC_BYTES: usize = 40;
 const MOTORS_BYTES: usize = 16;
 /// Length of `servo_packet_raw`.
 const RAW_BYTES: usize = 68;
-/// Most outputs in `servo_packet_raw`.
+/// Largest number of outputs in `servo_packet_raw`.
 const RAW_OUTPUTS: usize = 16;
 
-/// Motors beyond this are no motors; a little room for rounding.
+/// Valid range of motor outputs, with a margin for rounding.
 const MOTOR_RANGE: std::ops::RangeInclusive<f64> = -0.001..=1.001;
-/// Pulses beyond this are no pulses, us; zero is an output that is not in use.
+/// Valid range of pulses, us; zero means an unused output.
 const PULSES: std::ops::RangeInclusive<f64> = 500.0..=2500.0;
 
-/// How state packets are to be written: Betaflight reads them in two ways, fixed when it is compiled.
+/// Format of state packets: Betaflight reads one of two, fixed when it is compiled.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Flavour {
-    /// As Gazebo's plugin writes them; Betaflight's own default.
+    /// Format of Gazebo's plugin; Betaflight's default.
     #[default]
     Gazebo,
-    /// As the bridges to X-Plane and RealFlight write them (`ENABLE_GAZEBO_BRIDGE=0`, and every release before 2025.12).
+    /// Format of the bridges to X-Plane and RealFlight (`ENABLE_GAZEBO_BRIDGE=0`, and every release before
+    /// 2025.12).
     Legacy,
 }
 
-/// Why bytes are not a packet of Betaflight.
+/// Reason why bytes are not a packet of Betaflight.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PacketError {
-    /// Betaflight only listens on this port.
+    /// Betaflight sends nothing on this port.
     #[error("a packet arrived at a port to which Betaflight sends nothing")]
     Port,
-    /// Another length.
+    /// The length is wrong.
     #[error("{found} bytes arrived where {expected} are expected")]
     Length {
         /// Bytes received.
         found: usize,
-        /// Bytes that the packet has.
+        /// Length of the packet in bytes.
         expected: usize,
     },
-    /// A count of motors that the packet has no room for.
+    /// The number of motors exceeds the packet.
     #[error("the packet says that it holds {0} motors: at most 16 are expected")]
     Count(u16),
-    /// A value that no motor has.
+    /// A value is out of range.
     #[error("output {output} is {value}: {expected} is expected")]
     Value {
-        /// From 1.
+        /// Output number, from 1.
         output: usize,
-        /// As it came.
+        /// Received value.
         value: f64,
-        /// In words.
+        /// Description of the valid range.
         expected: &'static str,
     },
 }
@@ -72,7 +73,7 @@ pub struct Raw {
 }
 
 impl Raw {
-    /// Motors, then servos, us; zero for what is not in use.
+    /// Motors, then servos, us; zero for unused outputs.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -86,7 +87,7 @@ fn floats(bytes: &[u8]) -> impl Iterator<Item = f64> + '_ {
     bytes.as_chunks::<4>().0.iter().map(|b| f64::from(f32::from_le_bytes(*b)))
 }
 
-/// Reads `servo_packet`: four motors, 0 to 1.
+/// Decodes `servo_packet`: four motors, 0 to 1.
 ///
 /// # Errors
 /// [`PacketError`] for another length, or a value that is not finite or out of range.
@@ -102,10 +103,10 @@ pub fn parse_motors(bytes: &[u8]) -> Result<[f64; 4], PacketError> {
     Ok(motors)
 }
 
-/// Reads `servo_packet_raw`: pulses in us.
+/// Decodes `servo_packet_raw`: pulses in us.
 ///
 /// # Errors
-/// [`PacketError`] for another length, too many motors, or a value that is no pulse.
+/// [`PacketError`] for another length, too many motors, or a value out of the range of pulses.
 pub fn parse_raw(bytes: &[u8]) -> Result<Raw, PacketError> {
     sized(bytes, RAW_BYTES)?;
     let count = u16::from_le_bytes([bytes[0], bytes[1]]);
@@ -122,7 +123,7 @@ pub fn parse_raw(bytes: &[u8]) -> Result<Raw, PacketError> {
     Ok(Raw { values })
 }
 
-/// `servo_packet_raw`, as Betaflight sends it.
+/// Encodes `servo_packet_raw`, as Betaflight sends it.
 pub fn raw_bytes(count: u16, pulses: &[f32; RAW_OUTPUTS]) -> [u8; RAW_BYTES] {
     let mut bytes = [0; RAW_BYTES];
     bytes[..2].copy_from_slice(&count.to_le_bytes());
@@ -132,7 +133,7 @@ pub fn raw_bytes(count: u16, pulses: &[f32; RAW_OUTPUTS]) -> [u8; RAW_BYTES] {
     bytes
 }
 
-/// `rc_packet`: time in s, pulses in us.
+/// Encodes `rc_packet`: time in s, pulses in us.
 pub(super) fn channels(now: Duration, pulses: &[u16; RC_CHANNELS]) -> [u8; RC_BYTES] {
     let mut bytes = [0; RC_BYTES];
     bytes[..8].copy_from_slice(&now.as_secs_f64().to_le_bytes());
@@ -142,17 +143,19 @@ pub(super) fn channels(now: Duration, pulses: &[u16; RC_CHANNELS]) -> [u8; RC_BY
     bytes
 }
 
-/// Time of every state packet, s. Betaflight refuses one that is older than the one before: this is that of one which
-/// follows none, so that a bridge which is started again goes on.
+/// Time in every state packet, s. Betaflight refuses a packet older than the previous one: with a constant
+/// time a restarted bridge can continue.
 const TOLD_TIME: f64 = 0.0;
 
-/// `fdm_packet`: time in s, [`TOLD_TIME`]; turn rate in rad/s; specific force in m/s^2, backward, right, down; attitude, real part first; velocity in m/s,
-/// east, north, up; longitude and latitude in degrees, height in m; pressure in Pa.
+/// Encodes `fdm_packet`: time in s, [`TOLD_TIME`]; turn rate in rad/s; specific force in m/s^2, backward,
+/// right, down; attitude, real part first; velocity in m/s, east, north, up; longitude and latitude in
+/// degrees, height in m; pressure in Pa.
 pub(super) fn state(s: &Sensors, flavour: Flavour, origin: (f64, f64)) -> [u8; FDM_BYTES] {
     let (gyro, attitude) = (gyro(s, flavour), attitude(s, flavour));
     let (latitude, longitude) = match flavour {
         Flavour::Legacy => (s.gps.latitude, s.gps.longitude),
-        // Gazebo gives positions mirrored about the origin, and Betaflight mirrors them back about the first one.
+        // Gazebo sends positions mirrored about the origin, and Betaflight mirrors them back about the first
+        // one.
         Flavour::Gazebo => (2.0 * origin.0 - s.gps.latitude, 2.0 * origin.1 - s.gps.longitude),
     };
     let v = s.gps.velocity;
@@ -161,7 +164,7 @@ pub(super) fn state(s: &Sensors, flavour: Flavour, origin: (f64, f64)) -> [u8; F
         gyro.x,
         gyro.y,
         gyro.z,
-        // Betaflight negates all three, and takes the result for forward, left, up.
+        // Betaflight negates all three, and uses the result as forward, left, up.
         -s.accel.x,
         s.accel.y,
         s.accel.z,
@@ -184,8 +187,9 @@ pub(super) fn state(s: &Sensors, flavour: Flavour, origin: (f64, f64)) -> [u8; F
     bytes
 }
 
-/// Inside Betaflight rates are about forward, left and up: its attitude, its yaw stick and its mixer agree on that. It
-/// negates what comes for pitch and, from legacy bridges, yaw; what comes for yaw from Gazebo it takes as it is.
+/// Turn rate as Betaflight expects it. Its internal rates are about forward, left and up: its attitude, its
+/// yaw stick and its mixer use these. It negates pitch and, from legacy bridges, yaw; yaw from Gazebo it uses
+/// unchanged.
 fn gyro(s: &Sensors, flavour: Flavour) -> Vector3<f64> {
     match flavour {
         Flavour::Gazebo => Vector3::new(s.gyro.x, s.gyro.y, -s.gyro.z),
@@ -193,21 +197,22 @@ fn gyro(s: &Sensors, flavour: Flavour) -> Vector3<f64> {
     }
 }
 
-/// The attitude as Betaflight takes it. Where legacy bridges send it, Betaflight uses what is told, of the body forward, right,
-/// down over north, east, down: it turns two entries of the matrix back itself (`imuComputeRotationMatrix`). Of what Gazebo's
-/// plugin sends, it takes away half a turn about x on either side, then adds a quarter turn about up, for forward, left, up
-/// over north, west, up.
+/// Attitude as Betaflight expects it. From legacy bridges Betaflight uses the given attitude, of the body
+/// forward, right, down over north, east, down: it changes the sign of two matrix entries back itself
+/// (`imuComputeRotationMatrix`). From Gazebo's plugin it removes half a turn about x on either side, then
+/// adds a quarter turn about up, for forward, left, up over north, west, up.
 fn attitude(s: &Sensors, flavour: Flavour) -> nalgebra::Quaternion<f64> {
     let q = match flavour {
         Flavour::Legacy => s.attitude,
         Flavour::Gazebo => {
             let half = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
             let quarter_back = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_2);
-            // Half a turn about x makes north, west, up of north, east, down, and forward, left, up of forward, right, down.
+            // Half a turn about x transforms north, east, down to north, west, up, and forward, right, down
+            // to forward, left, up.
             let inside = half * s.attitude * half;
             half * quarter_back * inside * half
         }
     };
-    // Half turns cost a sign; Betaflight takes the quaternion for positive.
+    // Half turns change the sign; Betaflight assumes a positive quaternion.
     if q.w < 0.0 { -q.into_inner() } else { q.into_inner() }
 }

@@ -23,12 +23,12 @@ fn received(betaflight: &mut Betaflight, port: usize, bytes: &[u8]) -> Option<[f
     }
 }
 
-/// Takes in outputs, as they come while its main loop runs.
+/// Receives outputs, as they arrive while its main loop runs.
 fn received_at(betaflight: &mut Betaflight, now: Duration, bytes: &[u8]) {
     assert!(betaflight.receive(RAW, bytes, now, &mut |_, _| panic!("nothing is asked")));
 }
 
-/// Fields of the state packet of a vehicle that moved from level rest to this.
+/// Fields of the state packet of a vehicle that moved from level rest to this motion.
 fn state_of(flavour: Flavour, motion: Motion) -> [f64; 18] {
     let options = SensorOptions {
         gyro_noise: 0.0,
@@ -59,12 +59,12 @@ fn state_of(flavour: Flavour, motion: Motion) -> [f64; 18] {
     fields
 }
 
-/// What Betaflight itself makes of a packet: gyro and attitude as it uses them inside, by its published source.
+/// Gyro and attitude that Betaflight derives from a packet, according to its published source.
 fn inside(flavour: Flavour, f: &[f64; 18]) -> ([f64; 3], UnitQuaternion<f64>) {
     let yaw = if flavour == Flavour::Gazebo { f[3] } else { -f[3] };
     let gyro = [f[1], -f[2], yaw];
     let q = match flavour {
-        // Of the matrix that it makes of this, it turns the signs of those entries that hold pitch and yaw.
+        // It changes the signs of those matrix entries that contain pitch and yaw.
         Flavour::Legacy => Quaternion::new(f[7], f[8], -f[9], -f[10]),
         Flavour::Gazebo => {
             let (w, x, y, z) = (f[7], f[8], -f[9], -f[10]);
@@ -136,15 +136,16 @@ fn each_axis_alone_arrives_in_betaflight_with_its_sign() {
                 let mut motion = Motion::default();
                 motion.angles[axis] = size;
                 let (gyro, attitude) = inside(flavour, &state_of(flavour, motion));
-                // Inside, Betaflight's rates are about forward, left, up, and its attitude is of that body over north, west,
-                // up: roll has its sign, nose up is a negative turn about left, nose right one about up.
+                // Internally, Betaflight's rates are about forward, left, up, and its attitude is of that
+                // body over north, west, up: roll has its sign, nose up is a negative turn about left, nose
+                // right one about up.
                 let sign = [1.0, -1.0, -1.0];
                 for i in 0..3 {
                     let wanted = if i == axis { sign[i] * size / 4e-3 } else { 0.0 };
                     assert!((gyro[i] - wanted).abs() < 1e-9, "{flavour:?} {axis}: {gyro:?}");
                 }
-                // Half way through the turn its accelerometer feels up from half of the angle, forward, left, up: with the
-                // right side down from the left, with the nose up from the front.
+                // Half way through the turn its accelerometer measures up at half of the angle, forward,
+                // left, up: with the right side down from the left, with the nose up from the front.
                 let f = state_of(flavour, motion);
                 let felt = [[0.0, 0.5 * size, 1.0], [0.5 * size, 0.0, 1.0], [0.0, 0.0, 1.0]][axis];
                 for (found, felt) in f[4..7].iter().zip(felt) {
@@ -173,9 +174,10 @@ fn each_axis_alone_arrives_in_betaflight_with_its_sign() {
     }
 }
 
-/// Betaflight's clock by its published source (`updateState`, `micros64`): it runs at the ratio of told to wall time between
-/// the last two packets, when the told one is of more than 0 and less than 20 ms. A packet that is older than the one before
-/// is refused, and so is the first after half a second without any.
+/// Betaflight's clock according to its published source (`updateState`, `micros64`): it runs at the ratio of
+/// packet time to wall time between the last two packets, when the packet time difference is more than 0 and
+/// less than 20 ms. A packet older than the previous one is refused, and so is the first after half a second
+/// without any.
 #[derive(Default)]
 struct Clock {
     told: f64,
@@ -186,7 +188,7 @@ struct Clock {
 }
 
 impl Clock {
-    /// Takes in a packet at a wall time, s.
+    /// Receives a packet at a wall time, s.
     fn take(&mut self, told: f64, wall: f64) {
         let (step, spent) = (told - self.told, wall - self.wall);
         if spent > 0.5 {
@@ -205,15 +207,15 @@ impl Clock {
     }
 }
 
-/// Betaflight looks at its socket once a millisecond, and every 70 ms it has no processor for 9 ms; states leave early and
-/// late; after a second our bridge is started again.
+/// Betaflight polls its socket once a millisecond, and every 70 ms it gets no processor time for 9 ms; states
+/// are sent early and late; after a second the bridge is restarted.
 #[test]
 fn betaflights_clock_is_the_walls_however_packets_come() {
     let mut model = SensorModel::new(SensorOptions::default(), 4_000_000, 1);
     let mut clock = Clock::default();
     let (mut queue, mut together, mut states, mut channels) = (Vec::new(), 0, 0, 0);
     let mut betaflight = Betaflight::new(BetaflightOptions::default(), true);
-    // In tenths of a millisecond.
+    // In units of 0.1 ms.
     for tick in 0..20_000u64 {
         if tick == 10_000 {
             betaflight = Betaflight::new(BetaflightOptions::default(), true);
@@ -251,8 +253,8 @@ fn betaflights_clock_is_the_walls_however_packets_come() {
     assert!((80..=101).contains(&channels), "at most 50 Hz: {channels}");
 }
 
-/// Channels that come while it starts would be its last: it makes them its receiver when the first comes, and then sets its
-/// receiver up as if there were none (`udpRCThread`, `rxInit`).
+/// Channels received during its start would be its last: it makes them its receiver when the first one
+/// arrives, and then initialises its receiver as if there were none (`udpRCThread`, `rxInit`).
 #[test]
 fn channels_wait_until_it_runs_and_again_while_it_is_restarted() {
     let mut model = SensorModel::new(SensorOptions::default(), PERIOD.as_nanos() as u64, 1);
@@ -305,7 +307,7 @@ fn it_is_asked_why_it_is_not_armed_and_that_is_told_once_its_switch_is_on() {
     let mut answer = vec![b'$', b'M', b'>', 22, 150];
     answer.extend([&[0; 15][..], &[1, 0, 29], &(1_u32 << 28 | 1 << 7).to_le_bytes()].concat());
     answer.push(answer[3..].iter().fold(0, |sum, b| sum ^ b));
-    // MSP_MODE_RANGES of one whose arm switch is AUX 1.
+    // MSP_MODE_RANGES with the arm switch on AUX 1.
     let mut ranges = vec![b'$', b'M', b'>', 4, 34, 0, 0, 32, 48];
     ranges.push(ranges[3..].iter().fold(0, |sum, b| sum ^ b));
     let (mut asked, mut asked_of_ranges, mut told) = (0, 0, Vec::new());
@@ -331,13 +333,13 @@ fn it_is_asked_why_it_is_not_armed_and_that_is_told_once_its_switch_is_on() {
     assert_eq!((asked, asked_of_ranges), (8, 1), "twice a second, and until it has answered");
     assert_eq!(told, [(1000, "Betaflight cannot be armed: THROTTLE (the throttle is not low)".to_string())]);
     assert_eq!(betaflight.said(), Some("THROTTLE (the throttle is not low)"));
-    // Once its motors turn it flies, and nobody asks.
+    // Once its motors turn it flies, and is not queried.
     assert!(betaflight.receive(RAW, &raw([1100.0; 16]), Duration::from_secs(4), &mut |_, _| {}));
     let sensors = model.step(&Motion::default(), &Errors::default());
     betaflight.sense(&sensors, &rc, Duration::from_secs(9), &mut |port, _| assert_ne!(port, MSP));
 }
 
-/// Betaflight has no flag for it: nothing keeps it from being armed, and nothing arms it.
+/// Betaflight has no flag for this: nothing prevents it from being armed, and no switch arms it.
 #[test]
 fn one_that_no_switch_arms_is_told_before_its_switch_is_on() {
     let mut betaflight = Betaflight::new(BetaflightOptions::default(), true);

@@ -1,13 +1,13 @@
-//! What PX4 says to everybody: its heartbeats, and why it does not arm.
+//! Messages of PX4 to all: its heartbeats, and the reasons why it does not arm.
 
 use crate::mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
 use crate::mavlink::{Header, MavMessage, Readiness};
 use crate::note::Notes;
 
-/// What was heard.
+/// State from PX4's heartbeats and reports.
 #[derive(Debug, Clone)]
 pub(super) struct Heard {
-    /// Who the vehicle is, by its heartbeats, and the port through which they came last.
+    /// Identity of the vehicle from its heartbeats, and the port on which they last arrived.
     vehicle: Option<(Header, usize)>,
     readiness: Readiness,
 }
@@ -19,27 +19,27 @@ impl Default for Heard {
 }
 
 impl Heard {
-    /// Who the vehicle is.
+    /// Identity of the vehicle.
     pub(super) fn vehicle(&self) -> Option<Header> {
         self.vehicle.map(|(header, _)| header)
     }
 
-    /// Where it answers questions: where it speaks to others than its simulator, if it does.
+    /// Port for queries: one on which it speaks to others than its simulator, if any.
     pub(super) fn answers_at(&self) -> Option<usize> {
         self.vehicle.map(|(_, port)| port)
     }
 
-    /// Whether its heartbeats say that it is armed.
+    /// True when its heartbeats report that it is armed.
     pub(super) fn is_armed(&self) -> bool {
         self.readiness.is_armed()
     }
 
-    /// Why it is not armed, as far as it said.
+    /// Reported reason why it is not armed.
     pub(super) fn said(&self) -> Option<&str> {
         self.readiness.said()
     }
 
-    /// Hears a message that came through `port`.
+    /// Processes a message received through `port`.
     pub(super) fn hear(&mut self, port: usize, header: Header, message: &MavMessage, notes: &mut Notes) {
         match message {
             MavMessage::HEARTBEAT(beat) => self.beat(port, header, beat, notes),
@@ -60,7 +60,7 @@ impl Heard {
                 header.component,
                 if armed { "armed" } else { "not armed" }
             )),
-            // Other components have heartbeats of their own.
+            // Other components have their own heartbeats.
             Some((known, _)) if (known.system, known.component) != (header.system, header.component) => {
                 return;
             }

@@ -1,4 +1,4 @@
-//! Sensors as MAVLink messages.
+//! Sensors as MAVLink messages to PX4.
 
 use crate::autopilot::RC_CHANNELS;
 use crate::mavlink::dialect::{
@@ -8,25 +8,25 @@ use crate::mavlink::dialect::{
 use crate::mavlink::{Header, MavMessage};
 use crate::sensors::{STANDARD_GRAVITY, Sensors};
 
-/// The system that a simulator speaks as.
+/// System id of a simulator.
 pub(super) const SYSTEM: u8 = 142;
-/// The component that a simulator speaks as.
+/// Component id of a simulator.
 pub(super) const COMPONENT: u8 = 142;
 
-/// PX4 takes a time of zero for none, so its clock starts here, us.
+/// PX4 treats a time of zero as missing, so its clock starts here, us.
 const CLOCK_START_US: u64 = 1_000_000;
 
 /// Zero degrees Celsius, K.
 const FREEZING: f64 = 273.15;
 
-/// Bits of HIL_SENSOR's `fields_updated`: a group has all of its bits or none.
+/// Bits of HIL_SENSOR's `fields_updated`: all bits of a group are set or none.
 const ACCEL: u32 = 0x7;
 const GYRO: u32 = 0x38;
 const MAG: u32 = 0x1C0;
 const BARO: u32 = 0x1A00;
 const DIFFERENTIAL_PRESSURE: u32 = 0x400;
 
-/// Sensor time as PX4's time, us.
+/// Sensor time in PX4's clock, us.
 pub(super) fn microseconds(time_ns: u64) -> u64 {
     CLOCK_START_US + time_ns / 1000
 }
@@ -42,7 +42,7 @@ pub(super) fn heartbeat() -> MavMessage {
     })
 }
 
-/// Asks the vehicle to report its arming checks.
+/// Requests a report of the vehicle's arming checks.
 pub(super) fn ask_for_arming_checks(vehicle: Header) -> MavMessage {
     MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
         target_system: vehicle.system,
@@ -52,8 +52,8 @@ pub(super) fn ask_for_arming_checks(vehicle: Header) -> MavMessage {
     })
 }
 
-/// HIL_SENSOR: accelerometer m/s^2 and gyroscope rad/s, FRD; magnetometer in gauss, FRD; pressures in hPa; height in m;
-/// temperature in degrees Celsius.
+/// HIL_SENSOR: accelerometer m/s^2 and gyroscope rad/s, FRD; magnetometer in gauss, FRD; pressures in hPa;
+/// height in m; temperature in degrees Celsius.
 pub(super) fn sensor(s: &Sensors, mag: bool, baro: bool, airspeed: bool) -> MavMessage {
     let mut fields = ACCEL | GYRO;
     for (present, bits) in [(mag, MAG), (baro, BARO), (airspeed, DIFFERENTIAL_PRESSURE)] {
@@ -79,11 +79,11 @@ pub(super) fn sensor(s: &Sensors, mag: bool, baro: bool, airspeed: bool) -> MavM
     })
 }
 
-/// A vehicle that goes slower has no course that a receiver could tell, m/s.
+/// Lowest speed at which a receiver can determine the course, m/s.
 const SLOWEST: f64 = 0.1;
 
-/// HIL_GPS: degrees x 1e7, mm, cm/s, hundredths of a degree; `vel` is over ground, and an unknown course 65535. PX4 reads `eph` and
-/// `epv` as standard deviations in cm.
+/// HIL_GPS: degrees x 1e7, mm, cm/s, hundredths of a degree; `vel` is over ground, and 65535 an unknown
+/// course. PX4 reads `eph` and `epv` as standard deviations in cm.
 pub(super) fn gps(s: &Sensors) -> MavMessage {
     let fix = &s.gps;
     let speed = fix.velocity.x.hypot(fix.velocity.y);
@@ -107,8 +107,8 @@ pub(super) fn gps(s: &Sensors) -> MavMessage {
     })
 }
 
-/// HIL_STATE_QUATERNION: the truth. Attitude real part first; rad/s; degrees x 1e7, mm; cm/s NED; acceleration over
-/// ground in thousandths of g, FRD.
+/// HIL_STATE_QUATERNION, the true state: attitude real part first; rad/s; degrees x 1e7, mm; cm/s NED;
+/// acceleration over ground in thousandths of g, FRD.
 pub(super) fn state(s: &Sensors) -> MavMessage {
     let q = s.attitude.quaternion();
     let acceleration = s.attitude.inverse_transform_vector(&s.acceleration) / STANDARD_GRAVITY;
@@ -133,7 +133,7 @@ pub(super) fn state(s: &Sensors) -> MavMessage {
     })
 }
 
-/// RC_CHANNELS: pulses in us, full signal.
+/// RC_CHANNELS: pulses in us, full signal strength.
 pub(super) fn channels(s: &Sensors, p: &[u16; RC_CHANNELS]) -> MavMessage {
     MavMessage::RC_CHANNELS(RC_CHANNELS_DATA {
         time_boot_ms: (microseconds(s.time_ns) / 1000) as u32,

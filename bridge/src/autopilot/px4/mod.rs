@@ -4,8 +4,8 @@
 //! serial line or UDP. HIL_SENSOR advances PX4's clock, and in lockstep PX4 answers it with HIL_ACTUATOR_CONTROLS of
 //! the same time. HIL_GPS, HIL_STATE_QUATERNION (for PX4's log of the truth) and RC_CHANNELS go along.
 //!
-//! Over the same line a board speaks to a ground station, which comes through a port of its own ([`STATION`]). Software in the
-//! loop speaks to others elsewhere, and is listened to there ([`TELEMETRY`]). At both is heard why it does not arm.
+//! A board speaks to a ground station over the same line, which has its own port here ([`STATION`]). Software in the
+//! loop has separate links, of which one is received ([`TELEMETRY`]). Both contain the reasons why it does not arm.
 //!
 //! Source: <https://docs.px4.io/main/en/simulation/#simulator-mavlink-api>,
 //! <https://mavlink.io/en/messages/common.html>.
@@ -29,35 +29,35 @@ use options::{CHANNEL_PERIOD_NS, STATE_PERIOD_NS};
 pub use options::{PORT, Px4Options};
 use station::{Owned, Station, is_for_station};
 
-/// The port of the ground station; the link to PX4 is port 0.
+/// Port of the ground station; the link to PX4 is port 0.
 pub const STATION: usize = 1;
 
-/// The port where PX4 is listened to that says nothing of itself to its simulator.
+/// Port for telemetry of a PX4 that does not report its state to its simulator.
 pub const TELEMETRY: usize = 2;
 
-/// Output of each motor of a quad in the order of the mixer's frames, which is PX4's own.
+/// Output of each motor of a quad in the order of the mixer's frames, which is PX4's own order.
 pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
 
 /// Message number of HIL_STATE_QUATERNION.
 const STATE_QUATERNION: f32 = 115.0;
 
-/// Outputs go from -1 to 1; a little room for rounding.
+/// Largest magnitude of an output, with a margin for rounding.
 const LARGEST_CONTROL: f64 = 1.001;
 
 /// Time between two messages of a kind.
 const MAG_PERIOD_NS: u64 = 10_000_000;
 const BARO_PERIOD_NS: u64 = 20_000_000;
 const HEARTBEAT_PERIOD_NS: u64 = 1_000_000_000;
-/// Between two requests for the summary of the arming checks, which PX4 tells only when it changes.
+/// Time between two requests for the summary of the arming checks, which PX4 reports only when it changes.
 const CHECKS_PERIOD_NS: u64 = 4_000_000_000;
 
-/// A board that reboots says nothing for longer, ...
+/// Shortest silence of a board that reboots.
 const REBOOT: Duration = Duration::from_millis(500);
 
-/// ... and its clock goes back by more, us.
+/// Smallest step back of the clock of a board that reboots, us.
 const REBOOT_US: u64 = 1_000_000;
 
-/// When a message is due again.
+/// Time at which a message is due again.
 #[derive(Debug, Clone, Copy, Default)]
 struct Due(u64);
 
@@ -71,23 +71,23 @@ impl Due {
     }
 }
 
-/// The conversation with PX4.
+/// State of the conversation with PX4.
 pub struct Px4 {
     options: Px4Options,
     motors: bool,
     deframer: Deframer,
     telemetry: Deframer,
     encoder: Encoder,
-    /// Whether PX4 says that it waits for its sensors.
+    /// True when PX4 reports that it waits for its sensors.
     lockstep: bool,
     /// Time of the last HIL_SENSOR, us.
     sensed: Option<u64>,
-    /// The outputs of that time are here; without lockstep any that came after it.
+    /// True when the outputs for that time have arrived; without lockstep any later ones.
     answered: bool,
-    /// Time of the last HIL_ACTUATOR_CONTROLS, us, and when it came.
+    /// Time of the last HIL_ACTUATOR_CONTROLS, us, and its time of arrival.
     controlled: Option<(u64, Duration)>,
     state_period_ns: u64,
-    /// What the line allows.
+    /// Shortest period of the true state on the line, ns.
     least_state_period_ns: u64,
     mag: Due,
     baro: Due,
@@ -96,23 +96,23 @@ pub struct Px4 {
     heartbeat: Due,
     ask_checks: Due,
     event: Option<Event>,
-    /// What PX4 says to everybody, on a line on which it speaks to its ground station as well.
+    /// Messages of PX4 to all, on a line on which it speaks to its ground station as well.
     heard: Heard,
     station: Station,
     notes: Notes,
     counts: Counts,
-    /// What past connections exchanged.
+    /// Counts of earlier connections.
     past: Counts,
     out: Vec<u8>,
 }
 
 impl Px4 {
-    /// A conversation that has not begun; `motors` says that outputs are motors and not servos.
+    /// A new conversation; `motors` is true when outputs are motors and not servos.
     pub fn new(options: Px4Options, motors: bool) -> Self {
         Self::with_state_period(options, motors, STATE_PERIOD_NS)
     }
 
-    /// The same on a line that carries the truth no more often than this, ns.
+    /// A conversation on a line that allows the true state no more often than this, ns.
     pub(in crate::autopilot) fn with_state_period(
         options: Px4Options,
         motors: bool,
@@ -146,13 +146,13 @@ impl Px4 {
         }
     }
 
-    /// Takes outputs in; returns whether they count.
+    /// Processes outputs; returns whether they count.
     fn controls(
         &mut self,
         controls: &crate::mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA,
         now: Duration,
     ) -> bool {
-        // In lockstep the clock is ours, so that outputs of a time that was never sensed cannot be meant for us.
+        // In lockstep the clock is ours: outputs for a time without sensors are not for us.
         let lockstep =
             controls.flags.contains(HilActuatorControlsFlags::HIL_ACTUATOR_CONTROLS_FLAGS_LOCKSTEP);
         if lockstep && self.sensed.is_none_or(|sensed| controls.time_usec > sensed) {
@@ -160,7 +160,7 @@ impl Px4 {
             return false;
         }
         let armed = controls.mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
-        // A board that rebooted was silent, has a young clock and is not armed. What is played again after a silence is.
+        // A rebooted board was silent, has a young clock and is not armed; a replay after a silence is not.
         let rebooted = |(last, at): (u64, Duration)| {
             !armed && now.saturating_sub(at) > REBOOT && last.saturating_sub(controls.time_usec) > REBOOT_US
         };
@@ -169,7 +169,7 @@ impl Px4 {
             self.event = Some(Event::Restarted);
             return true;
         }
-        // A time that does not go on is that of an autopilot that stands still, or of a message that was played again.
+        // A time that does not advance is that of a stopped autopilot, or of a replayed message.
         if self.controlled.is_some_and(|(last, _)| controls.time_usec <= last) {
             self.counts.stale += 1;
             return false;
@@ -178,7 +178,7 @@ impl Px4 {
         let (mut values, mut beyond) = ([0.0; MAX_OUTPUTS], 0);
         for (i, (value, &control)) in values.iter_mut().zip(&controls.controls).enumerate() {
             let control = f64::from(control);
-            // PX4 leaves outputs that it does not use undefined.
+            // PX4 leaves unused outputs undefined.
             *value = if control.is_finite() { control.clamp(*range.start(), *range.end()) } else { f64::NAN };
             beyond |= u32::from(control.is_finite() && control.abs() > LARGEST_CONTROL) << i;
         }
@@ -190,7 +190,7 @@ impl Px4 {
         true
     }
 
-    /// Takes a message in; returns whether it counts.
+    /// Processes a message; returns whether it counts.
     fn take(&mut self, header: Header, message: &MavMessage, now: Duration) -> bool {
         match message {
             MavMessage::HIL_ACTUATOR_CONTROLS(controls) => return self.controls(controls, now),
@@ -245,7 +245,8 @@ impl Autopilot for Px4 {
                     }
                     valid |= self.take(header, &message, now);
                 }
-                // A message of another dialect says nothing to the loop, but to the station it may. One byte is no message.
+                // A message of another dialect means nothing to the loop, but possibly to the station. A
+                // single byte is no message.
                 crate::mavlink::Event::Dropped(DropReason::Unknown(_)) if self.deframer.frame().len() > 1 => {
                     send(STATION, self.deframer.frame());
                 }
@@ -261,7 +262,7 @@ impl Autopilot for Px4 {
             TELEMETRY => &mut self.telemetry,
             _ => &mut self.deframer,
         };
-        // What is left of it is counted there.
+        // The remainder is counted there.
         let _ = ended.end();
     }
 
@@ -296,7 +297,7 @@ impl Autopilot for Px4 {
         if state_period_ns != u64::MAX && self.state.take(ns, state_period_ns) {
             put(&messages::state(sensors));
         }
-        // Last, because it makes PX4 run.
+        // Sent last, because it advances PX4.
         let mag = self.mag.take(ns, MAG_PERIOD_NS);
         let baro = self.baro.take(ns, BARO_PERIOD_NS);
         put(&messages::sensor(sensors, mag, baro, baro && self.options.airspeed));
@@ -358,13 +359,13 @@ impl Autopilot for Px4 {
     }
 }
 
-/// Whether a message is the heartbeat of a vehicle, and not of a station.
+/// True when a message is the heartbeat of a vehicle, and not of a station.
 fn is_vehicles_beat(message: &MavMessage) -> bool {
     matches!(message, MavMessage::HEARTBEAT(beat) if beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID)
 }
 
 impl Px4 {
-    /// Hears what PX4 says to others; outputs that come there count for nothing.
+    /// Processes PX4's messages to others; outputs among them do not count.
     fn listen(&mut self, bytes: &[u8], now: Duration) -> bool {
         self.telemetry.push(bytes);
         let mut valid = false;
@@ -377,10 +378,10 @@ impl Px4 {
         valid
     }
 
-    /// What was exchanged with PX4 over this connection and those before.
+    /// Counts of this connection with PX4 and earlier ones.
     fn past_counts(&self) -> Counts {
         let wire = self.deframer.counts();
-        // A whole frame of another dialect is no damage.
+        // A complete frame of another dialect is no damage.
         let damaged = wire.dropped() - wire.unknown + wire.noise_bytes;
         Counts {
             sent: self.past.sent + self.counts.sent,

@@ -1,4 +1,4 @@
-//! Options of the link to PX4, and what a serial line carries.
+//! Options of the link to PX4, and the capacity of a serial line.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,16 +8,17 @@ use crate::peer::Pin;
 /// The TCP port of PX4's first instance.
 pub const PORT: u16 = 4560;
 
-/// Where PX4 as software in the loop speaks to its camera, beside its ground station and its companion; plus the instance.
+/// Port on which PX4 as software in the loop speaks to its camera, besides its ground station and its
+/// companion; plus the instance.
 const CAMERA_PORT: u16 = 14030;
 
-/// Instances of PX4 on one computer.
+/// Largest number of PX4 instances on one computer.
 const INSTANCES: u16 = 256;
 
-/// Time between two messages of the pilot's channels.
+/// Time between two messages of the pilot's channels, ns.
 pub(super) const CHANNEL_PERIOD_NS: u64 = 20_000_000;
 
-/// Time between two messages of the truth, until PX4 asks for another one.
+/// Time between two messages of the true state, until PX4 requests another one, ns.
 pub(super) const STATE_PERIOD_NS: u64 = 5_000_000;
 
 /// Bytes of the longest frames: HIL_SENSOR, HIL_GPS, RC_CHANNELS, HIL_STATE_QUATERNION and HEARTBEAT.
@@ -31,19 +32,20 @@ const HEARTBEAT_BYTES: f64 = 21.0;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Px4Options {
-    /// Where PX4 is: `tcpin://ADDRESS:PORT` where PX4 connects, or `serial://DEVICE:BAUD` or `udpin://ADDRESS:PORT` for
-    /// hardware.
+    /// Address of PX4: `tcpin://ADDRESS:PORT` where PX4 connects, or `serial://DEVICE:BAUD` or
+    /// `udpin://ADDRESS:PORT` for hardware.
     pub link: String,
-    /// The only address that is believed on `udpin` and `tcpin`; absent: the first that speaks validly.
+    /// The only accepted sender on `udpin` and `tcpin`; absent: the first one with a valid message.
     pub peer: Option<Pin>,
-    /// Where a ground station meets PX4 through this bridge, for example `udpout://127.0.0.1:14550`.
+    /// Address at which a ground station reaches PX4 through this bridge, for example
+    /// `udpout://127.0.0.1:14550`.
     pub forward: Option<String>,
-    /// Where PX4 is listened to for why it does not arm, when it says nothing of it on `link`; empty: nowhere; absent:
-    /// [`Px4Options::telemetry_place`].
+    /// Address of PX4's telemetry with the reasons why it does not arm, when it does not report them on
+    /// `link`; empty: none; absent: [`Px4Options::telemetry_place`].
     pub telemetry: Option<String>,
-    /// Send the pitot's differential pressure.
+    /// True to send the pitot's differential pressure.
     pub airspeed: bool,
-    /// Send the pilot's channels; without them PX4 listens to its ground station alone.
+    /// True to send the pilot's channels; otherwise PX4 is controlled by its ground station alone.
     pub rc: bool,
 }
 
@@ -55,8 +57,9 @@ impl Default for Px4Options {
 }
 
 impl Px4Options {
-    /// Where PX4 is listened to for why it does not arm. As software in the loop it says nothing of it on the link of its
-    /// simulator, but at each of its MAVLink ports: the one for a camera, which nobody else listens to, on this computer.
+    /// Default address of PX4's telemetry with the reasons why it does not arm. As software in the loop it
+    /// does not report them on its simulator's link, but on each of its MAVLink ports: the one for a camera,
+    /// which is otherwise unused, on this computer.
     ///
     /// Source: `ROMFS/px4fmu_common/init.d-posix/px4-rc.mavlink` of PX4.
     pub fn telemetry_place(&self) -> Option<String> {
@@ -70,10 +73,11 @@ impl Px4Options {
         }
     }
 
-    /// The least time between two messages of the truth that leaves the line to the sensors, ns.
+    /// Shortest time between two messages of the true state that leaves enough of the line to the sensors,
+    /// ns.
     ///
     /// # Errors
-    /// In words: the line does not carry `rate_hz` sensors and `gps_hz` fixes a second.
+    /// A sentence, when the line is too slow for `rate_hz` sensors and `gps_hz` fixes per second.
     pub(in crate::autopilot) fn state_period_ns(&self, rate_hz: f64, gps_hz: f64) -> Result<u64, String> {
         let Some((baud, bits)) = serial_line(&self.link) else { return Ok(STATE_PERIOD_NS) };
         let carried = COMMON_SHARE * baud / bits;
@@ -88,7 +92,7 @@ impl Px4Options {
             ));
         }
         let state_hz = (left - SENSOR_BYTES * rate_hz) / STATE_BYTES;
-        // Less than one a second is none.
+        // Less than one per second means none.
         Ok(if state_hz < 1.0 { u64::MAX } else { STATE_PERIOD_NS.max((1e9 / state_hz) as u64) })
     }
 }

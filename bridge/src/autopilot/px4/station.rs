@@ -1,8 +1,8 @@
 //! The ground station that shares PX4's line with the loop: a router by system and component.
 //!
-//! What PX4 says goes to the station as well, but for what it says to the simulator. What the station says goes to PX4, but for
-//! what the loop owns: the sensors, the rate of the outputs, the pilot's channels where the bench has them, the names of
-//! simulator and vehicle, and whether the line is signed.
+//! PX4's messages are forwarded to the station, except those to the simulator. The station's messages are
+//! forwarded to PX4, except those that the loop controls: the sensors, the rate of the outputs, the pilot's
+//! channels where the bench has them, the ids of simulator and vehicle, and whether the line is signed.
 
 use std::time::Duration;
 
@@ -16,16 +16,16 @@ use crate::note::Notes;
 /// Message number of HIL_ACTUATOR_CONTROLS.
 const ACTUATOR_CONTROLS: f32 = 93.0;
 
-/// What the loop owns beside what it always does.
+/// Optional properties that the loop controls.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Owned {
-    /// System and component of the vehicle, once it was heard.
+    /// System and component of the vehicle, once known.
     pub vehicle: Option<(u8, u8)>,
-    /// The bench has the pilot's channels.
+    /// True when the bench has the pilot's channels.
     pub channels: bool,
 }
 
-/// The conversation with the station.
+/// State of the conversation with the station.
 #[derive(Debug, Default)]
 pub(super) struct Station {
     deframer: Deframer,
@@ -33,22 +33,23 @@ pub(super) struct Station {
 }
 
 impl Station {
-    /// Messages that were not passed on.
+    /// Number of messages that were not forwarded.
     pub(super) fn refused(&self) -> u64 {
         self.refused
     }
 
-    /// Whether a datagram of somebody unknown holds a MAVLink message.
+    /// True when a datagram of an unknown sender contains a MAVLink message.
     pub(super) fn recognises(&mut self, datagram: &[u8], now: Duration) -> bool {
         self.deframer.recognises(datagram, now, |_, _| true)
     }
 
-    /// Gives up what was half received.
+    /// Discards a partly received message.
     pub(super) fn end(&mut self) {
         let _ = self.deframer.end();
     }
 
-    /// Takes in what the station says, and passes on what it may say to PX4. Returns whether something was valid.
+    /// Decodes the station's bytes, and forwards permitted messages to PX4. Returns whether something was
+    /// valid.
     pub(super) fn receive(
         &mut self,
         bytes: &[u8],
@@ -78,12 +79,12 @@ impl Station {
     }
 }
 
-/// Whether what PX4 says is for the station as well.
+/// True when a message of PX4 is forwarded to the station.
 pub(super) fn is_for_station(message: &MavMessage) -> bool {
     !matches!(message, MavMessage::HIL_ACTUATOR_CONTROLS(_)) && message.target_system_id() != Some(SYSTEM)
 }
 
-/// What of a station's message belongs to the loop; `None` for one that the station may send.
+/// The loop's property that a station's message would change; `None` for a permitted message.
 #[expect(deprecated, reason = "a station may send HIL_STATE all the same")]
 fn owner(header: &Header, message: &MavMessage, owned: Owned) -> Option<&'static str> {
     let from = (header.system, header.component);

@@ -1,10 +1,10 @@
-//! PX4 and its ground station on one line.
+//! PX4 and its ground station on a shared line.
 
 use super::tests::{Bench, controls};
 use super::*;
 use crate::mavlink::dialect::{COMMAND_LONG_DATA, HIL_SENSOR_DATA};
 
-/// What a station says through its port, and what of it reaches PX4.
+/// Sends a station's message through its port; true when it reaches PX4.
 fn passed(bench: &mut Bench, system: u8, message: &MavMessage) -> bool {
     let mut bytes = Vec::new();
     Encoder::new(system, 190).encode(message, bench.now, &mut bytes);
@@ -53,7 +53,7 @@ fn a_station_reaches_px4_but_never_with_what_the_loop_owns() {
     assert_eq!(bench.px4.counts().refused, 5);
     assert!(bench.px4.note().is_some_and(|note| note.warn && note.text.contains("is not passed on")));
     assert!(bench.px4.note().is_none(), "told once");
-    // Where the bench has the pilot's channels, nobody else has.
+    // Where the bench has the pilot's channels, no other source is permitted.
     let mut bench = Bench::new(Px4Options { rc: true, ..Px4Options::default() });
     assert!(!passed(&mut bench, 255, &stick) && passed(&mut bench, 255, &arm));
 }
@@ -68,7 +68,7 @@ fn what_px4_says_goes_to_the_station_but_for_what_it_says_to_the_simulator() {
             .iter()
             .map(|message| bench.bytes(message))
             .collect();
-    // A whole message of another dialect, in the middle of the others.
+    // A complete message of another dialect, between others.
     let foreign = [&[0xFD, 1, 0, 0, 9, 1, 1, 0xFF, 0xFF, 0x0F, 7][..], &[0, 0]].concat();
     let (mut forwarded, now) = (Vec::new(), bench.now);
     let wire = [&stream[0], &stream[1], &foreign, &stream[2], &stream[3]].map(|b| &b[..]).concat();
@@ -98,7 +98,7 @@ fn heartbeats_words_and_arming_checks_are_told_once() {
         let mut arguments = [0; 40];
         arguments[1..5].copy_from_slice(&failing.to_le_bytes());
         arguments[9..13].copy_from_slice(&modes.to_le_bytes());
-        // The number as libevents' own tests have it.
+        // The number of libevents' own tests.
         MavMessage::EVENT(EVENT_DATA { id: 1 << 24 | 11_047_904, arguments, ..Default::default() })
     };
     let mut told = Vec::new();

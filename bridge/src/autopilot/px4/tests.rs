@@ -203,7 +203,7 @@ fn a_board_that_rebooted_on_its_line_is_recognised_and_a_replay_is_not() {
         (ms(600), false, 2_000_000, true),
         (ms(100), false, 2_000_000, false),
         (ms(600), false, 500_000, false),
-        // Outputs of a flight that are played again after a silence.
+        // Outputs of a flight that are replayed after a silence.
         (ms(600), true, 2_000_000, false),
     ] {
         let mut bench = Bench::new(Px4Options::default());
@@ -241,7 +241,7 @@ fn a_datagram_of_somebody_unknown_is_px4s_only_by_itself() {
         assert!(!bench.px4.recognises(0, bad, now), "{bad:?}");
     }
     assert_eq!(bench.px4.counts(), Counts::default(), "whose it is, is counted where it came in");
-    // Half a frame in a datagram goes on nowhere.
+    // Half a frame in a datagram is not continued.
     bench.px4.receive(0, &good[..20], now, &mut |_, _| {});
     bench.px4.end_of_datagram(0);
     assert!(bench.receive(&good).is_some());
@@ -269,8 +269,8 @@ fn px4_sets_how_often_it_hears_the_truth() {
 }
 
 proptest! {
-    /// A stream that is damaged, cut, repeated and reordered: every output that comes through is one that was sent, and
-    /// times never go back.
+    /// A stream that is damaged, truncated, repeated and reordered: every received output is one that was
+    /// sent, and times never go back.
     #[test]
     fn a_damaged_stream_never_makes_a_wrong_output(
         fates in prop::collection::vec((0u8..8, any::<prop::sample::Index>(), 1u8..), 1..120)
@@ -280,7 +280,7 @@ proptest! {
         let mut last = -1.0;
         for (k, (fate, at, flip)) in fates.into_iter().enumerate() {
             let s = sensor(&bench.sense());
-            // The control tells the step.
+            // The control encodes the step.
             let share = k as f32 / 1000.0;
             let mut bytes = bench.bytes(&controls(s.time_usec, share, true, true));
             match fate {

@@ -1,11 +1,12 @@
-//! What shows a cause in a sensor: residuals of outputs as they are.
+//! Evidence curves of sensor effects: residuals of the outputs themselves.
 
 use super::{PlotInput, Traces, folded};
 use crate::answer::curves::loudest;
 use crate::answer::schema::{Axis, EvidenceCurve, Points};
 
 impl PlotInput<'_> {
-    /// A channel's times, residual, what the cause explains of it, and the rival.
+    /// Sample times of a channel, with its residual, the part that the cause explains, and the part that the
+    /// rival explains.
     fn channel(&self, output: usize) -> Option<(Vec<f64>, Traces)> {
         let c = self.data.channels.iter().position(|c| c.output == output)?;
         let (channel, range) = (&self.data.channels[c], self.data.ranges()[c].clone());
@@ -26,7 +27,7 @@ impl PlotInput<'_> {
         Axis::new(&format!("residual of {}", output.name), output.unit.shown())
     }
 
-    /// Simulated values of an output at the samples of another.
+    /// Simulated values of one output at the sample times of another.
     fn simulated(&self, output: usize, like: usize) -> Option<Vec<f64>> {
         let find = |output: usize| self.data.channels.iter().position(|c| c.output == output);
         let (own, other) = (find(output)?, find(like)?);
@@ -48,7 +49,7 @@ impl PlotInput<'_> {
         ))
     }
 
-    /// The residual of an output against what another simulates.
+    /// Residual of an output against the simulated values of another output.
     pub(crate) fn against(&self, output: usize, other: usize) -> Option<EvidenceCurve> {
         let (_, traces) = self.channel(output)?;
         let x = self.simulated(other, output)?;
@@ -93,7 +94,7 @@ impl PlotInput<'_> {
         ))
     }
 
-    /// The residual of the output that shows it best, where it shows best.
+    /// Residual over time of the output, and in the time window, in which the cause is clearest.
     pub(crate) fn over_time(&self) -> Option<EvidenceCurve> {
         let explained = self.residual(self.with);
         let ranges = self.data.ranges();

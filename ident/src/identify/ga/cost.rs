@@ -1,4 +1,4 @@
-//! The cost of a set of genes.
+//! Cost of a set of genes.
 
 use std::ops::ControlFlow;
 
@@ -9,8 +9,8 @@ use crate::identify::data::Segment;
 use crate::identify::problem::Problem;
 use crate::watch::Watch;
 
-/// Least and greatest value of every unknown, SI: the bounds of the parameters, then what the record allows for initial
-/// states and offsets.
+/// Search range of every unknown, SI: the bounds of the parameters, then ranges of initial states and offsets
+/// derived from the record.
 pub fn ranges(problem: &Problem, segments: &[Segment]) -> Vec<(f64, f64)> {
     let mut all: Vec<(f64, f64)> = problem.parameters.iter().map(|p| (p.lower, p.upper)).collect();
     let (n, p) = (problem.n(), problem.p());
@@ -44,8 +44,8 @@ pub fn ranges(problem: &Problem, segments: &[Segment]) -> Vec<(f64, f64)> {
     all
 }
 
-/// From genes in [0, 1] to values: the middle of a wide range is searched more finely than its ends, as bounds are
-/// mostly given generously.
+/// Maps genes in [0, 1] to values: the middle of a wide range is searched more finely than its ends, as
+/// bounds are mostly generous.
 pub fn scaled(genes: &[f64], range: &[(f64, f64)]) -> Vec<f64> {
     const WARP: f64 = 4.0;
     let warped = |g: f64| (WARP * (2.0 * g - 1.0)).sinh() / WARP.sinh();
@@ -56,33 +56,33 @@ pub fn scaled(genes: &[f64], range: &[(f64, f64)]) -> Vec<f64> {
         .collect()
 }
 
-/// Genes in [0, 1] and their score.
+/// A member of the population: genes in [0, 1] and their score.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Member {
-    /// The logarithm of the cost; infinite where the simulation leaves all bounds.
+    /// Logarithm of the cost; infinite where the simulation diverges.
     pub score: f64,
-    /// One gene for every unknown, 0 to 1.
+    /// One gene per unknown, 0 to 1.
     pub genes: Vec<f64>,
 }
 
-/// The cost of genes, in batches, on all cores.
+/// Evaluates the cost of genes, in batches, on all cores.
 pub struct Cost<'a> {
-    /// The simulations of each stage; those of the last one run freely.
+    /// Simulations of each stage; those of the last stage run freely.
     pub batches: Vec<Batch<'a>>,
-    /// Least and greatest value of every unknown, SI.
+    /// Lower and upper end of the range of every unknown, SI.
     pub range: &'a [(f64, f64)],
-    /// Number of simulations so far, of all runs together.
+    /// Number of simulations so far, over all runs.
     pub evaluations: usize,
-    /// Greatest number of simulations.
+    /// Largest number of simulations.
     pub most: usize,
-    /// Is told after every generation, and may end the search.
+    /// Receives the progress after every generation, and can stop the search.
     pub watch: &'a Watch,
     /// Stage of the search: an index into `batches`.
     pub stage: usize,
 }
 
 impl Cost<'_> {
-    /// The genes with their scores at the present stage.
+    /// The genes with their scores at the current stage.
     pub fn scored(&mut self, genes: Vec<Vec<f64>>) -> Vec<Member> {
         let points: Vec<Vec<f64>> = genes.iter().map(|g| scaled(g, self.range)).collect();
         let batch = &self.batches[self.stage];
@@ -95,8 +95,8 @@ impl Cost<'_> {
         costs.into_iter().zip(genes).map(|(cost, genes)| Member { score: score(cost), genes }).collect()
     }
 
-    /// Tells the cost of the best member of a generation, and whether another one is to follow. The share is the greatest
-    /// possible: most searches end before they have spent all simulations.
+    /// Reports the best cost of a generation; the result says whether to continue. The reported share relates
+    /// to the largest number of simulations: most searches end earlier.
     pub fn report(&self, best: f64) -> ControlFlow<()> {
         let share = (self.evaluations as f64 / self.most.max(1) as f64).min(1.0);
         let detail = || format!("best cost {:.6e}", best.exp());

@@ -1,4 +1,4 @@
-//! One run of the search: a population from its first members until it has settled.
+//! One run of the genetic algorithm: a population from its first members until convergence.
 
 use whirlstand_vehicle::Stream;
 
@@ -7,27 +7,28 @@ use super::cost::{Cost, Member};
 use super::rex::{children, take_parents};
 use super::stages::{Next, Stages};
 
-/// Children a generation, in multiples of the number of unknowns.
+/// Children per generation, in multiples of the number of unknowns.
 const CHILDREN: usize = 6;
-/// The first population is the best of so many times as many random points.
+/// Ratio of random points to members of the first population, which is the best of them.
 const OVERSAMPLING: usize = 4;
-/// A logarithm of the cost that is less by no more than this is no progress.
+/// Smallest decrease of the logarithm of the cost that counts as progress.
 const PRECISION: f64 = 1e-5;
 
-/// How a run ended.
+/// Result of a run.
 pub struct Run {
-    /// The best genes of the last stage that it reached.
+    /// Best genes of the last stage reached.
     pub genes: Vec<f64>,
     /// Number of generations.
     pub generations: usize,
-    /// True when it stopped because nothing improved, false when the simulations were spent or the search was ended.
+    /// True when the run ended because nothing improved, false when the simulations were spent or the search
+    /// was stopped.
     pub stagnated: bool,
 }
 
-/// The best member so far of a stage, and how long ago it last was much better than before.
+/// The best member of a stage so far, and the number of generations since its last progress.
 struct Best {
     member: Member,
-    /// The score that the next progress is measured from.
+    /// Score relative to which the next progress is measured.
     mark: f64,
     /// Number of generations without progress.
     stale: usize,
@@ -53,13 +54,13 @@ impl Best {
     }
 }
 
-/// The member of the least score; a population is never empty.
+/// The member with the lowest score; a population is never empty.
 fn least(population: &[Member]) -> &Member {
     population.iter().fold(&population[0], |best, m| if m.score < best.score { m } else { best })
 }
 
-/// Lets a population of that size evolve from random points until it has settled, nothing has improved for
-/// `stagnation` generations, the simulations are spent, or the search is ended.
+/// Evolves a population of `size` from random points until it has converged, nothing has improved for
+/// `stagnation` generations, the simulations are spent, or the search is stopped.
 pub fn evolve(cost: &mut Cost<'_>, size: usize, seed: u64, stagnation: usize) -> Run {
     let d = cost.range.len();
     let offspring = (CHILDREN * d.max(1)).next_multiple_of(LANES);
@@ -75,7 +76,7 @@ pub fn evolve(cost: &mut Cost<'_>, size: usize, seed: u64, stagnation: usize) ->
     for generation in 1..=generations {
         let parents = take_parents(&mut population, d + 1, &mut stream);
         let mut young = cost.scored(children(&parents, offspring, &mut stream));
-        // JGG: of the children the best take the parents' places.
+        // JGG: the best children replace the parents.
         young.sort_by(|a, b| a.score.total_cmp(&b.score));
         population.extend(young.into_iter().take(parents.len()));
         best.update(&population);
@@ -98,7 +99,7 @@ pub fn evolve(cost: &mut Cost<'_>, size: usize, seed: u64, stagnation: usize) ->
     Run { genes: best.member.genes, generations, stagnated: false }
 }
 
-/// The best of many random points, of fewer when the search is ended.
+/// The best of many random points, of fewer when the search is stopped.
 fn first(cost: &mut Cost<'_>, size: usize, seed: u64) -> Vec<Member> {
     let d = cost.range.len();
     let mut stream = Stream::new(seed, "first population");

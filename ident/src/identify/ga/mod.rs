@@ -1,12 +1,13 @@
-//! The paper's method: a real-coded genetic algorithm on the mean square error of the simulation.
+//! Method of the paper: a real-coded genetic algorithm on the mean square error of the simulation.
 //!
-//! The recombination is REX (real-coded ensemble crossover) with the generation alternation JGG (Akimoto, Nagata, Ono
-//! and Kobayashi, GECCO 2009): children scatter about the centre of n + 1 parents as the parents themselves do, so that
-//! the search follows correlated, badly scaled parameters; the best children take the parents' places.
+//! The recombination is REX (real-coded ensemble crossover) with the generation alternation JGG (Akimoto,
+//! Nagata, Ono and Kobayashi, GECCO 2009): children scatter about the centre of n + 1 parents with the
+//! parents' own covariance, so that the search follows correlated, badly scaled parameters; the best children
+//! replace the parents.
 //!
-//! Over a long free run the right parameters lie in a valley that is deep but narrow, beside wide shallow ones. So the
-//! population first lives in an easier world, in which simulations start anew from the record every so often, and only
-//! as it settles do they run longer, at last freely.
+//! Over a long free run the true parameters lie in a deep but narrow minimum beside wide shallow ones. So the
+//! cost of the first stage uses short simulations that are reset to the record regularly; as the population
+//! converges they become longer, and at last run freely.
 
 mod cost;
 mod evolve;
@@ -27,7 +28,7 @@ use crate::watch::Watch;
 use cost::{Cost, ranges, scaled};
 use evolve::evolve;
 
-/// The best point of a search, and what it took.
+/// Result of a search: its best point and its effort.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SearchResult {
     /// Values of the free parameters, SI.
@@ -40,24 +41,26 @@ pub struct SearchResult {
     pub evaluations: usize,
     /// Number of generations.
     pub generations: usize,
-    /// True when it stopped because nothing improved, false when the simulations were spent or the search was ended.
+    /// True when the search ended because nothing improved, false when the simulations were spent or the
+    /// search was stopped.
     pub stagnated: bool,
 }
 
-/// First population, in multiples of the number of unknowns.
+/// Size of the first population, in multiples of the number of unknowns.
 const POPULATION: usize = 18;
 /// Horizons of the stages before the last, as divisors of the longest segment.
 const DIVISORS: [usize; 3] = [64, 16, 4];
-/// Least horizon, steps.
+/// Shortest horizon, steps.
 const SHORTEST: usize = 8;
-/// Costs of two runs that differ by less than this ratio are those of one valley.
+/// Cost ratio below which two runs have found the same minimum.
 const SAME: f64 = 5e-3;
 
-/// Searches the box that the bounds span, initial states about the first measured values.
+/// Searches the box that the bounds span, with initial states around the first measured values.
 ///
-/// A run ends when the population has settled or nothing improves any more. As long as simulations are left and nobody ends the search, another one
-/// starts, until the best cost was found twice: a population that has closed in on a side valley does not know it.
-/// From the third run on the population doubles (Auger and Hansen, CEC 2005).
+/// A run ends when the population has converged or nothing improves any more. While simulations are left and
+/// the search is not stopped, another run starts, until the best cost was found twice: a population cannot
+/// detect that it has converged to a local minimum. From the third run on the population doubles (Auger and
+/// Hansen, CEC 2005).
 ///
 /// # Errors
 /// [`IdentifyError::UnstableStart`] when no simulation in the whole box stays finite.

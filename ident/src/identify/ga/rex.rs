@@ -4,7 +4,7 @@ use whirlstand_vehicle::Stream;
 
 use super::cost::Member;
 
-/// Takes that many members, drawn at random, out of the population.
+/// Removes `count` random members from the population.
 pub fn take_parents(population: &mut Vec<Member>, count: usize, stream: &mut Stream) -> Vec<Member> {
     let count = count.min(population.len());
     let mut parents = Vec::with_capacity(count);
@@ -35,7 +35,7 @@ pub fn children(parents: &[Member], count: usize, stream: &mut Stream) -> Vec<Ve
     (0..count).map(child).collect()
 }
 
-/// Beyond a bound: as far inside as it was outside.
+/// Reflects a gene at a bound of [0, 1].
 fn reflected(gene: f64) -> f64 {
     let inside = if gene < 0.0 {
         -gene

@@ -1,8 +1,9 @@
-//! The check of an autopilot.
+//! Check of an autopilot.
 //!
-//! The simulated vehicle stands still, then it is tilted about each axis, to both sides, and the attitude that the
-//! autopilot tells over its telemetry must follow. So gyroscope, accelerometer and magnetic field are checked through the
-//! autopilot's own estimator. The autopilot stays disarmed; with `arm` its outputs must push back against the tilts as well.
+//! The simulated vehicle is first at rest, then it is tilted about each axis in both directions, and the
+//! attitude that the autopilot reports over its telemetry must follow. So gyroscope, accelerometer and
+//! magnetic field are checked through the autopilot's own estimator. The autopilot stays disarmed; with `arm`
+//! its outputs must counteract the tilts as well.
 
 use std::time::{Duration, Instant};
 
@@ -25,16 +26,16 @@ use crate::config::NodeConfig;
 use crate::error::NodeError;
 use crate::setup::Setup;
 
-/// Oldest attitude of the autopilot that counts.
+/// Largest age of a reported attitude.
 const AGE: Duration = Duration::from_millis(500);
 
-/// Time after a tilt before it is judged: the autopilot's estimator and its telemetry take theirs.
+/// Time after a tilt until it is evaluated: settling time of the autopilot's estimator and its telemetry.
 const SETTLE: Duration = Duration::from_millis(1500);
 
-/// How level a vehicle that stands must be told, rad.
+/// Largest reported attitude of a level vehicle, rad.
 const LEVEL: f64 = 0.1;
 
-/// Where the autopilots speak to a ground station.
+/// Usual telemetry endpoint and protocol of each autopilot.
 fn usual_place(kind: AutopilotKind) -> (&'static str, TelemetryProtocol) {
     match kind {
         AutopilotKind::Px4Hil | AutopilotKind::ArdupilotJson => {
@@ -44,13 +45,13 @@ fn usual_place(kind: AutopilotKind) -> (&'static str, TelemetryProtocol) {
     }
 }
 
-/// A check under way.
+/// State of a check.
 struct Check<'a> {
     name: &'static str,
     autopilot: Box<dyn Autopilot>,
     links: Links,
     attitude_receiver: AttitudeReceiver,
-    /// Where the autopilot tells its attitude; nowhere else than on its only line.
+    /// Telemetry link of the autopilot's attitude, unless it uses its only link.
     telemetry: Option<Link>,
     model: SensorModel,
     mixer: Mixer,
@@ -63,15 +64,15 @@ struct Check<'a> {
     origin: Instant,
     due: Instant,
     sensed_at: Instant,
-    /// Time as the sensors have it.
+    /// Time of the simulated sensors.
     sensor_time: Duration,
     say: &'a mut dyn FnMut(Finding),
 }
 
-/// Checks the bridge to an autopilot; `say` hears each finding as it comes.
+/// Checks the bridge to an autopilot; `say` receives each finding when it is made.
 ///
 /// # Errors
-/// For options that cannot be, and an autopilot that is not heard.
+/// For invalid options, and an autopilot that does not answer.
 pub fn check_autopilot(
     config: &NodeConfig,
     bridge: &BridgeConfig,
@@ -85,7 +86,7 @@ pub fn check_autopilot(
         return Err(wrong("bridge".into(), bridge.kind.name(), reason));
     };
     autopilot.rc.arm = options.arm;
-    // The one client of these ports is the check itself.
+    // The check itself is the only client of these ports.
     autopilot.betaflight.msp.clear();
     autopilot.px4.telemetry = Some(String::new());
     let name = autopilot.kind.autopilot();
@@ -155,7 +156,7 @@ impl Check<'_> {
         self.attitude_receiver.attitude(AGE, self.now())
     }
 
-    /// Stands level for at most `limit`, until `done` says what it found.
+    /// Keeps the vehicle level for at most `limit`, until `done` returns a result.
     fn until<T>(&mut self, limit: Duration, mut done: impl FnMut(&mut Self) -> Option<T>) -> Option<T> {
         let begun = Instant::now();
         while begun.elapsed() < limit {
@@ -167,7 +168,7 @@ impl Check<'_> {
         None
     }
 
-    /// Flies along `motion`, by the time of the sensors.
+    /// Moves the vehicle along `motion`, over the time of the sensors.
     fn fly(&mut self, span: Duration, motion: impl Fn(Duration) -> Motion) {
         let begun = self.sensor_time;
         while self.sensor_time < begun + span {
@@ -175,7 +176,7 @@ impl Check<'_> {
         }
     }
 
-    /// Waits for bytes or the next reading, takes in the one and sends the other.
+    /// Waits for bytes or the next sensor reading; receives the former and sends the latter.
     fn turn(&mut self, motion: &dyn Fn(Duration) -> Motion) {
         self.wait();
         let now = self.now();
@@ -199,18 +200,19 @@ impl Check<'_> {
             return;
         }
         if self.autopilot.is_lockstep() {
-            // The sensors of one that waits are of the next period, whenever that is.
+            // The sensors of an autopilot in lockstep advance by one period, whatever the wall time.
             self.due = instant + self.period;
             return self.sense(1, motion, now);
         }
-        // For one that runs freely time is the wall's: a late reading is of all periods since the last.
+        // A free-running autopilot uses wall time: a late reading covers all periods since the last one.
         let late = instant.saturating_duration_since(self.due).as_nanos() / self.period.as_nanos();
         let periods = u32::try_from(late).unwrap_or(u32::MAX).saturating_add(1);
         self.due += self.period * periods;
         self.sense(periods, motion, now);
     }
 
-    /// When sensors are to be sent: one that waits gets them when it has answered, or when its answer seems lost.
+    /// Time of the next sensor message: for an autopilot in lockstep after its answer, or when the answer
+    /// seems lost.
     fn due(&self) -> Instant {
         let waits = self.autopilot.is_lockstep() && !self.autopilot.is_answered();
         if waits { self.due.max(self.sensed_at + self.patience) } else { self.due }
@@ -227,16 +229,16 @@ impl Check<'_> {
     }
 
     fn wait(&self) {
-        // Both outcomes mean the same: look again.
+        // Both outcomes lead to another poll.
         let telemetry = self.telemetry.as_ref().and_then(Link::fd);
         wait_for_bytes(self.links.fds().chain(telemetry), self.due(), Duration::ZERO);
     }
 
-    /// What the autopilot says to its ground station.
+    /// Receives the autopilot's telemetry.
     fn receive(&mut self, now: Duration) {
         match &mut self.telemetry {
             Some(telemetry) => {
-                // One that is not there yet is tried again; that it never came is told by what was not heard.
+                // A missing telemetry link is retried; its absence is reported by the missing attitude.
                 let _ = telemetry.maintain(Instant::now());
                 let mut protocol = Telemetry { receiver: &mut self.attitude_receiver, now };
                 let _ = telemetry.drain(&mut [0; BUFFER], Instant::now(), &mut protocol);
@@ -269,7 +271,7 @@ impl Check<'_> {
         })
     }
 
-    /// Rate and losses.
+    /// Checks rate and losses.
     fn link(&mut self) {
         let (before, begun) = (self.autopilot.counts(), Instant::now());
         let _: Option<()> = self.until(Duration::from_secs(1), |_| None);
@@ -285,7 +287,7 @@ impl Check<'_> {
         });
     }
 
-    /// Waits until the autopilot says that it stands level; false when it says nothing.
+    /// Waits until the autopilot reports a level attitude; false when it reports none.
     fn wait_for_level(&mut self, options: &CheckOptions, place: &str) -> bool {
         let level = |a: &[f64; 3]| a[0].abs() < LEVEL && a[1].abs() < LEVEL;
         let settled = self.until(options.timeout, |check| check.attitude().filter(level));
@@ -307,7 +309,7 @@ impl Check<'_> {
         }
     }
 
-    /// Arms, or waits until somebody has; false when it was not.
+    /// Arms, or waits for somebody to arm; false when the autopilot was not armed.
     fn arm(&mut self, options: &CheckOptions) -> bool {
         if self.rc.stage() == Stage::Off {
             (self.say)(Finding::Ask(format!("now arm {} with its ground station", self.name)));
@@ -352,7 +354,7 @@ impl Check<'_> {
         }
     }
 
-    /// Tells the autopilot to disarm, by its pilot's channels.
+    /// Disarms the autopilot through its pilot's channels.
     fn disarm(&mut self) {
         if self.rc.stage() != Stage::Off {
             self.rc.turn(false, false, self.now());
@@ -362,7 +364,7 @@ impl Check<'_> {
     }
 }
 
-/// What the autopilot says to its ground station.
+/// Decoder of the autopilot's telemetry.
 struct Telemetry<'a> {
     receiver: &'a mut AttitudeReceiver,
     now: Duration,

@@ -1,4 +1,4 @@
-//! `whirlstand bridge check`: each axis of a bridge, live and disarmed.
+//! `whirlstand bridge check`: checks each axis of a bridge, live and disarmed.
 
 mod autopilot;
 mod reaction;
@@ -11,30 +11,30 @@ use std::time::Duration;
 pub use autopilot::check_autopilot;
 pub use vehicle::check_vehicle;
 
-/// How to check.
+/// Options of a check.
 #[derive(Debug, Clone)]
 pub struct CheckOptions {
-    /// How long to wait for the other end and for each axis.
+    /// Longest wait for the other end and for each axis.
     pub timeout: Duration,
-    /// A vehicle: move the channels.
+    /// For a vehicle: also move the channels.
     pub outputs: bool,
-    /// An autopilot: where its telemetry is heard; its usual place when absent.
+    /// For an autopilot: endpoint of its telemetry; the usual one when absent.
     pub telemetry: Option<String>,
-    /// An autopilot: arm it as well, and see that its outputs push back.
+    /// For an autopilot: also arm it, and check that its outputs counteract a tilt.
     pub arm: bool,
 }
 
-/// What was found.
+/// A finding of the check.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Finding {
-    /// Something that the user is to do.
+    /// An instruction to the user.
     Ask(String),
-    /// Something that the user should know.
+    /// Information for the user.
     Told(String),
-    /// Something is right.
+    /// A passed check.
     Good(String),
-    /// Something is wrong.
+    /// A failed check.
     Wrong(String),
-    /// Something cannot be told.
+    /// An inconclusive check.
     Unknown(String),
 }

@@ -1,14 +1,14 @@
-//! Whether the outputs of an armed autopilot push back against a tilt.
+//! Checks that the outputs of an armed autopilot counteract a tilt.
 
 use whirlstand_bridge::mixer::{Demand, Mixer};
 
 use super::Finding;
 use super::tilt::AXES;
 
-/// A demand that is this small says nothing.
+/// Smallest demand that is conclusive.
 const QUIET: f64 = 0.01;
 
-/// What the outputs asked for about each axis, on average.
+/// Mean demand of the outputs about each axis.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Demands {
     sum: [f64; 3],
@@ -16,7 +16,7 @@ pub(super) struct Demands {
 }
 
 impl Demands {
-    /// Takes in outputs.
+    /// Adds a set of outputs.
     pub(super) fn add(&mut self, mixer: &Mixer, values: &[f64]) {
         let demands = [Demand::Roll, Demand::Pitch, Demand::Yaw].map(|d| mixer.demand(d, values));
         if demands.iter().all(|d| d.is_finite()) {
@@ -30,7 +30,7 @@ impl Demands {
     }
 }
 
-/// The outputs before and while the vehicle was tilted by `by` about `axis`, judged.
+/// Evaluates the outputs before and during a tilt of `by` about `axis`.
 pub(super) fn check(axis: usize, by: f64, before: &Demands, during: &Demands) -> Finding {
     let [name, words] = [AXES[axis].0, AXES[axis].1[usize::from(by < 0.0)]];
     let (Some(before), Some(during)) = (before.mean(), during.mean()) else {

@@ -1,27 +1,27 @@
-//! Which way a channel turns the vehicle, from the radio that flies it: a pilot holds his stick to the right, and the vehicle
-//! rolls right. So a channel that goes up then is one that rolls it right.
+//! Determines the sign of a channel from the vehicle's own radio: a pilot holds the stick to the right, and
+//! the vehicle rolls right. A channel that increases then is one that rolls the vehicle right.
 
 use whirlstand_bridge::channels::Steering;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, Output};
 
 use super::Finding;
 
-/// A stick that is held moves its channel by more, us.
+/// Smallest change of a channel by a held stick, us.
 const HELD_US: f64 = 150.0;
 
-/// Whether the vehicle may have a radio beside this bridge: not where the bridge is its radio.
+/// True when the vehicle may have its own radio: not where the bridge is its radio.
 pub(super) fn has_own_radio(bridge: &BridgeConfig) -> bool {
     let output = bridge.options.mavlink.as_ref().map(|m| m.output);
     bridge.kind == BridgeKind::Mavlink && !matches!(output, Some(Output::Crsf | Output::Sbus))
 }
 
-/// The channel, from 0, that moved most from where it rests, and by how much, when a stick is held, us.
+/// The channel, from 0, that moved most from its rest position while a stick is held, and its change, us.
 pub(super) fn moved(rest: &[f64], now: &[f64]) -> Option<(usize, f64)> {
     let changes = now.iter().zip(rest).map(|(now, rest)| now - rest).enumerate();
     changes.max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs())).filter(|(_, change)| change.abs() > HELD_US)
 }
 
-/// What the stick's channel says of the bridge's.
+/// Compares the sign of the stick's channel with that of the bridge's.
 pub(super) fn judge(steering: Steering, moved: Option<(usize, f64)>) -> Finding {
     let ((name, place), number) = (steering.stick(), steering.channel + 1);
     match moved {

@@ -1,29 +1,29 @@
-//! A tilt of the simulated vehicle, and what an autopilot makes of it.
+//! Tilts the simulated vehicle, and compares the attitude reported by an autopilot.
 
 use std::time::Duration;
 
 use whirlstand_bridge::sensors::{Motion, wrapped};
 
-/// How far the vehicle is tilted, rad.
+/// Tilt angle, rad.
 pub(super) const TILT: f64 = 0.3;
 
-/// How long it takes to get there.
+/// Duration of a tilt.
 pub(super) const RAMP: Duration = Duration::from_millis(1000);
 
-/// Share of the tilt that must be seen about its axis, ...
+/// Smallest share of the tilt that must be reported about its axis.
 const FOLLOWED: f64 = 0.7;
 
-/// ... and that may be seen about another one.
+/// Largest share of the tilt that may be reported about another axis.
 const STRAY: f64 = 0.35;
 
-/// The axes, and the words of a positive and a negative turn.
+/// The axes, with the words for a positive and a negative rotation.
 pub(super) const AXES: [(&str, [&str; 2]); 3] = [
     ("roll", ["right side down", "left side down"]),
     ("pitch", ["nose up", "nose down"]),
     ("yaw", ["nose right", "nose left"]),
 ];
 
-/// Where the vehicle is, `spent` after the tilt about `axis` from `from` to `to` began: at rest at both ends.
+/// Motion of the vehicle `spent` after the tilt about `axis` from `from` to `to` began; at rest at both ends.
 pub(super) fn motion(axis: usize, from: f64, to: f64, spent: Duration) -> Motion {
     let share = (spent.as_secs_f64() / RAMP.as_secs_f64()).min(1.0);
     let mut motion = Motion::default();
@@ -31,10 +31,10 @@ pub(super) fn motion(axis: usize, from: f64, to: f64, spent: Duration) -> Motion
     motion
 }
 
-/// What an autopilot told before and after a tilt of `by` about `axis`, judged.
+/// Evaluates the attitude that an autopilot reported before and after a tilt of `by` about `axis`.
 ///
 /// # Errors
-/// What is wrong, in words.
+/// A description of the error.
 pub(super) fn check(axis: usize, by: f64, before: [f64; 3], after: [f64; 3]) -> Result<String, String> {
     let change: [f64; 3] = std::array::from_fn(|i| wrapped(after[i] - before[i]));
     let [name, words] = [AXES[axis].0, AXES[axis].1[usize::from(by < 0.0)]];

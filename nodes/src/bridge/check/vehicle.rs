@@ -1,9 +1,9 @@
-//! The check of a vehicle.
+//! Check of a vehicle.
 //!
-//! First the vehicle is moved by hand, axis by axis, and its attitude and rates must follow with the right sign, that axis
-//! most of all. Then each channel is moved by 100 us and read back where the vehicle tells it (`RC_CHANNELS`), and the
-//! sticks of the vehicle's own radio say which way each channel turns it. What is sent passes the same limits as in
-//! flight, and an armed vehicle is refused.
+//! First the vehicle is moved by hand, axis by axis, and its attitude and rates must follow with the correct
+//! sign, mostly about that axis. Then each channel is moved by 100 us and read back where the vehicle reports
+//! it (`RC_CHANNELS`), and the sticks of the vehicle's own radio show the sign of each channel. Outputs pass
+//! the same limits as in flight, and an armed vehicle is refused.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -24,26 +24,26 @@ use crate::error::NodeError;
 use crate::gate::Gate;
 use crate::setup::Setup;
 
-/// Turn by hand that counts as one, rad.
+/// Smallest rotation by hand, rad.
 const TURN: f64 = 0.25;
 
-/// Between two looks.
+/// Polling period.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
 
-/// How long a channel is moved.
+/// Duration of a channel's movement.
 const PULSE_TIME: Duration = Duration::from_millis(600);
 
-/// Change of a channel that must show, us.
+/// Smallest change of a channel that must be reported, us.
 const LEAST_CHANGE_US: f64 = 50.0;
 
-/// The axes, what the hand does, and their place in the attitude.
+/// The axes, the movement by hand, and their index in the attitude.
 const AXES: [(&str, &str); 3] = [
     ("roll", "roll the vehicle to the right: right side down, by about 30 degrees"),
     ("pitch", "pitch the vehicle up: nose up, by about 30 degrees"),
     ("yaw", "yaw the vehicle clockwise, seen from above, by about 30 degrees"),
 ];
 
-/// A check under way.
+/// State of a check.
 struct Check<'a> {
     shared: Mutex<SharedVehicle>,
     links: VehicleLinks,
@@ -51,10 +51,10 @@ struct Check<'a> {
     say: &'a mut dyn FnMut(Finding),
 }
 
-/// Checks the bridge to a vehicle; `say` hears each finding as it comes.
+/// Checks the bridge to a vehicle; `say` receives each finding when it is made.
 ///
 /// # Errors
-/// For options that are not possible, and a vehicle that is not heard.
+/// For invalid options, and a vehicle that does not answer.
 pub fn check_vehicle(
     config: &NodeConfig,
     bridge: &BridgeConfig,
@@ -87,7 +87,7 @@ pub fn check_vehicle(
 }
 
 impl Check<'_> {
-    /// Looks again and again for `limit`, until `done` says what it found.
+    /// Polls for at most `limit`, until `done` returns a result.
     fn until<T>(
         &mut self,
         limit: Duration,
@@ -117,7 +117,7 @@ impl Check<'_> {
         Err(NodeError::no_vehicle(self.timeout.as_secs_f64(), &lock(&self.shared).vehicle.figures()))
     }
 
-    /// Rate, losses and the clock.
+    /// Checks rate, losses and clock.
     fn link(&mut self) {
         let before = lock(&self.shared).vehicle.figures();
         let mut attitudes = 0;
@@ -155,7 +155,7 @@ impl Check<'_> {
                 "{name}: the vehicle no longer reports its attitude"
             )));
         };
-        // The rate of each axis, integrated, must be what its angle did.
+        // The integrated rate of each axis must match the change of its angle.
         let mut turned = [0.0; 3];
         let mut last = Instant::now();
         let moved = self.until(self.timeout, |shared| {
@@ -227,7 +227,7 @@ impl Check<'_> {
         }
     }
 
-    /// Which way each channel turns the vehicle, from the radio that flies it.
+    /// Determines the sign of each channel from the vehicle's own radio.
     fn signs(&mut self, inputs: &[Input], bridge: &BridgeConfig) {
         let (steering, sentences) = lock(&self.shared).vehicle.steering(inputs);
         for sentence in sentences {
@@ -248,7 +248,7 @@ impl Check<'_> {
         self.lend(false);
     }
 
-    /// Lends the channels to the vehicle's own radio, or takes them back.
+    /// Hands the channels over to the vehicle's own radio, or takes them back.
     fn lend(&mut self, lent: bool) -> bool {
         let mut shared = lock(&self.shared);
         let now = shared.now();
@@ -257,7 +257,7 @@ impl Check<'_> {
         lent
     }
 
-    /// The vehicle's channels when nobody of us has moved them for a while.
+    /// The vehicle's channels at rest.
     fn resting(&mut self) -> Option<Vec<f64>> {
         let begun = Instant::now();
         self.until(2 * PULSE_TIME, |shared| {
@@ -286,7 +286,7 @@ impl Check<'_> {
         finding
     }
 
-    /// The vehicle's channels after one of ours was pushed for a while.
+    /// The vehicle's channels while one of them is moved.
     fn pushed(&mut self, channel: usize, by_us: f64) -> Option<Vec<f64>> {
         let end = Instant::now() + PULSE_TIME;
         let mut newest = None;
@@ -294,7 +294,7 @@ impl Check<'_> {
             let now = shared.now();
             shared.vehicle.push(channel, by_us, now);
             shared.flush();
-            // What comes in the second half knows of the push.
+            // Values received in the second half include the movement.
             if Instant::now() + PULSE_TIME / 2 > end {
                 newest = shared.vehicle.sent_channels(PULSE_TIME / 2, now);
             }

@@ -1,17 +1,17 @@
-//! What the bus's sensors say, less what is true: the errors that the autopilot's sensors shall have as well.
+//! Errors of the bus's sensors (measured minus true), which are applied to the autopilot's sensors as well.
 
 use whirlstand_bridge::sensors::{Errors, Motion};
 use whirlstand_msgs::{Imu, Odometry, valid};
 use whirlstand_vehicle::{Stream, Vehicle};
 
-/// Which errors there are: those of outputs that the vehicle has.
+/// Maps the errors of the vehicle's outputs to sensors.
 #[derive(Debug, Clone)]
 pub(super) struct ErrorMap {
     angles: [bool; 3],
     rates: [bool; 3],
     positions: [bool; 3],
     speeds: [bool; 3],
-    /// The errors of values that are not fresh stay what they were.
+    /// Last errors; values that are not fresh keep theirs.
     last: Errors,
 }
 
@@ -27,7 +27,7 @@ impl ErrorMap {
         }
     }
 
-    /// The errors at a step whose motion is `truth`.
+    /// Errors at a step with the true motion `truth`.
     pub(super) fn of(&mut self, imu: &Imu, odometry: Option<&Odometry>, truth: &Motion) -> Errors {
         let last = &mut self.last;
         let fresh = |flags: u32, bit: u32| flags & bit != 0;
@@ -52,11 +52,12 @@ impl ErrorMap {
     }
 }
 
-/// The errors of the sensors of a vehicle that stands and waits. The plant repeats the one measurement of step 0 then, and an
-/// estimator that hears it again and again learns its noise as a bias: so noise is drawn anew for every reading.
+/// Sensor errors of a vehicle that waits at rest. The plant repeats the single measurement of step 0 then,
+/// and an estimator that received it repeatedly would take its noise for a bias: so noise is drawn anew for
+/// every reading.
 #[derive(Debug, Clone)]
 pub(super) struct StandingErrors {
-    /// Constant error and standard deviation of angles, rates, positions and speeds.
+    /// Bias and standard deviation of angles, rates, positions and speeds.
     sizes: [[(f64, f64); 3]; 4],
     stream: Stream,
 }
@@ -76,7 +77,7 @@ impl StandingErrors {
         Self { sizes: sizes.map(|names| names.map(size)), stream: Stream::new(seed, "standing sensors") }
     }
 
-    /// The errors of the next reading.
+    /// Draws the errors of the next reading.
     pub(super) fn draw(&mut self) -> Errors {
         let stream = &mut self.stream;
         let [angles, rates, position, speed] =

@@ -1,4 +1,4 @@
-//! What was exchanged with an autopilot, for the log.
+//! Exchange with an autopilot, for the log.
 
 use whirlstand_bridge::autopilot::{Outputs, RC_CHANNELS};
 use whirlstand_bridge::sensors::Sensors;
@@ -6,8 +6,8 @@ use whirlstand_msgs::{Autopilot, MAX_OUTPUTS, Message, armed};
 
 use super::state::Fault;
 
-/// The sensors and pilot's channels that were sent, and the outputs that are obeyed; `None` where there are none. The caller
-/// fills in the head.
+/// Log message of the sensors and pilot's channels sent, and of the outputs in use; `None` where there are
+/// none. The caller fills in the head.
 pub(super) fn exchange(
     sensors: Option<&Sensors>,
     rc: [u16; RC_CHANNELS],

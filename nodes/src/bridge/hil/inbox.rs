@@ -1,4 +1,4 @@
-//! What the plant publishes, put together step by step.
+//! Collects the plant's messages of each step.
 
 use whirlstand_bridge::sensors::{Errors, Motion, StateMap};
 use whirlstand_bus::{Bus, Subscriber};
@@ -9,10 +9,10 @@ use super::errors::ErrorMap;
 use crate::error::NodeError;
 use crate::ports::receive;
 
-/// Queue for each topic.
+/// Queue length of each topic.
 const DEPTH: usize = 64;
 
-/// What the vehicle did at a step, and how wrong its sensors were.
+/// Motion of the vehicle at a step, and errors of its sensors.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct VehicleSample {
     pub step: u64,
@@ -20,13 +20,14 @@ pub(super) struct VehicleSample {
     pub errors: Errors,
 }
 
-/// The three topics of a step. `Imu` comes last, but not every transport keeps the order of two topics.
+/// Subscriptions to the three topics of a step. `Imu` is published last, but not every transport keeps the
+/// order of two topics.
 pub(super) struct Inbox {
     imu: Subscriber<Imu>,
     odometry: Subscriber<Odometry>,
     truth: Subscriber<Truth>,
     errors: ErrorMap,
-    /// The oldest measurement whose truth is not here yet, and the newest of the others.
+    /// The oldest measurement whose truth has not arrived yet, and the newest of the others.
     waiting: Option<Imu>,
     newest_truth: Option<Truth>,
     newest_odometry: Option<Odometry>,
@@ -49,7 +50,7 @@ impl Inbox {
         })
     }
 
-    /// Takes in every step whose measurement and truth are both here; the newest of them.
+    /// Receives all steps of which both measurement and truth have arrived; returns the newest.
     ///
     /// # Errors
     /// The transport fails.
@@ -61,7 +62,8 @@ impl Inbox {
             }
             let Some(imu) = self.waiting else { return Ok(newest) };
             let step = imu.head.step;
-            // Numbers that go back are those of a restarted plant: its truths lie behind the old ones.
+            // A step number that goes back is that of a restarted plant, whose truths come after the old
+            // ones.
             let restarted = self.last.is_some_and(|last| step < last);
             while self.newest_truth.is_none_or(|t| t.head.step < step || restarted && t.head.step != step) {
                 match receive(&mut self.truth, &mut self.refused)? {
@@ -74,7 +76,7 @@ impl Inbox {
             }
             self.waiting = None;
             self.last = Some(step);
-            // A truth that was lost leaves its measurement without one.
+            // A lost truth leaves its measurement without one.
             if let Some(truth) = self.newest_truth.filter(|t| t.head.step == step) {
                 newest = self.see(&imu, &truth, states).or(newest);
             }
@@ -94,12 +96,12 @@ impl Inbox {
         Some(VehicleSample { step, motion, errors })
     }
 
-    /// Messages lost on the way here.
+    /// Number of messages lost on the way to this node.
     pub(super) fn lost(&self) -> u64 {
         self.imu.lost().saturating_add(self.truth.lost()).saturating_add(self.odometry.lost())
     }
 
-    /// Messages that could not be used.
+    /// Number of unusable messages.
     pub(super) fn refused(&self) -> u64 {
         self.refused
     }

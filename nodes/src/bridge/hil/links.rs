@@ -1,4 +1,4 @@
-//! The links of an autopilot's protocol, by the protocol's own port numbers.
+//! Links of an autopilot's protocol, by the protocol's port numbers.
 
 use std::ops::Add;
 use std::os::fd::BorrowedFd;
@@ -14,30 +14,32 @@ use crate::bridge::link::{
 };
 use crate::error::NodeError;
 
-/// A ground station's heartbeat comes once a second: one that is lost is no reason to believe somebody else.
+/// Silence after which a ground station may be replaced: its heartbeat is sent once per second, and a single
+/// one may be lost.
 const STATION_SILENCE: Duration = Duration::from_secs(3);
 
 /// All links to the autopilot.
 pub(in crate::bridge) struct Links {
-    /// By the number of their port.
+    /// Links with the number of their port.
     links: Vec<(usize, Link)>,
-    /// The ports of the loop come first, then those of a ground station, of telemetry or of questions.
+    /// Number of links of the loop, which come first, before those of a ground station, of telemetry or of
+    /// queries.
     loop_links: usize,
-    /// In flight nobody is connected to: that may take its time.
+    /// True in flight, when connecting must not block.
     flies: bool,
-    /// What the autopilot says to a ground station, for one within this process.
+    /// Bytes that the autopilot sends to a ground station, kept for a receiver in this process.
     overheard: Option<Vec<u8>>,
     senders: Vec<(usize, LinkSender)>,
-    /// Why a link was lost since it was last asked.
+    /// Reason for the loss of a link since the last query.
     lost: Option<String>,
     buffer: Vec<u8>,
 }
 
 impl Links {
-    /// Links that open as soon as they can.
+    /// Links that open as soon as possible.
     ///
     /// # Errors
-    /// [`NodeError::Config`] for an address that is none.
+    /// [`NodeError::Config`] for an invalid address.
     pub(in crate::bridge) fn new(options: &AutopilotConfig) -> Result<Self, NodeError> {
         let (px4, ardupilot, b) = (&options.px4, &options.ardupilot, &options.betaflight);
         let links = match options.kind {
@@ -87,22 +89,22 @@ impl Links {
         })
     }
 
-    /// The run begins.
+    /// Marks the beginning of the run.
     pub(in crate::bridge) fn begin(&mut self) {
         self.flies = true;
     }
 
-    /// Keeps what the autopilot says to a ground station, for [`Links::take_overheard`].
+    /// Keeps the bytes that the autopilot sends to a ground station, for [`Links::take_overheard`].
     pub(in crate::bridge) fn overhear(&mut self) {
         self.overheard.get_or_insert_default();
     }
 
-    /// What the autopilot said to a ground station since the last call.
+    /// Bytes that the autopilot sent to a ground station since the last call.
     pub(in crate::bridge) fn take_overheard(&mut self) -> Vec<u8> {
         self.overheard.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// The link over which PX4 is simulated and speaks to its ground station as well.
+    /// The serial link that PX4 uses both for its simulation and for its ground station.
     pub(in crate::bridge) fn shared_serial(&self) -> Option<&Address> {
         self.links
             .first()
@@ -110,7 +112,7 @@ impl Links {
             .filter(|address| matches!(address, Address::Serial { .. }))
     }
 
-    /// Opens what is closed, and hands what waits, up to a limit, to the autopilot's protocol.
+    /// Opens closed links, and passes waiting bytes, up to a limit, to the autopilot's protocol.
     pub(in crate::bridge) fn receive(&mut self, autopilot: &mut dyn Autopilot, now: Duration) {
         let Self { links, loop_links, flies, overheard, senders, lost, buffer } = self;
         let instant = Instant::now();
@@ -122,7 +124,7 @@ impl Links {
             }
             match link.maintain(instant) {
                 Some(LinkEvent::Up) => tracing::info!("{} is open", link.address()),
-                // What is beside the loop may be missing.
+                // Links outside the loop may be missing.
                 Some(LinkEvent::Down(why)) if port >= *loop_links => tracing::info!("{why}"),
                 Some(LinkEvent::Down(why)) => tracing::warn!("{why}"),
                 Some(LinkEvent::Replaced(why)) => {
@@ -155,7 +157,7 @@ impl Links {
         }
     }
 
-    /// Where the autopilot is waited for.
+    /// Endpoint on which the autopilot is awaited.
     pub(super) fn place(&self) -> String {
         let links = self.links.iter().take(self.loop_links);
         let places: Vec<_> =
@@ -166,45 +168,45 @@ impl Links {
         }
     }
 
-    /// What was refused because of who sent it.
+    /// Number of datagrams and clients refused because of their sender.
     pub(in crate::bridge) fn refused(&self) -> PeerCounts {
         self.links.iter().map(|(_, link)| link.refused()).fold(PeerCounts::default(), PeerCounts::add)
     }
 
-    /// Why a link was lost since the last call, if one was.
+    /// Reason for the loss of a link since the last call, if any.
     pub(in crate::bridge) fn take_lost(&mut self) -> Option<String> {
         self.lost.take()
     }
 
-    /// Sends what can go out at once.
+    /// Sends as much as possible without waiting.
     pub(in crate::bridge) fn send(&mut self, port: usize, bytes: &[u8]) {
         send_to(&self.senders, port, bytes);
     }
 
-    /// Packets that could not be sent.
+    /// Number of packets that could not be sent.
     pub(in crate::bridge) fn unsent(&self) -> u64 {
         self.senders.iter().map(|(_, sender)| sender.dropped()).sum()
     }
 
-    /// What to poll for input.
+    /// File descriptors to poll for input.
     pub(in crate::bridge) fn fds(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         self.links.iter().filter_map(|(_, link)| link.fd())
     }
 
-    /// Waits until something comes, or until `until`, awake for `look`; false when nothing came.
+    /// Waits for input until `until`, with busy polling for `look`; false when none came.
     pub(in crate::bridge) fn wait(&self, until: Instant, look: Duration) -> bool {
         wait_for_bytes(self.fds(), until, look)
     }
 }
 
-/// Sends what can go out at once through a port, if there is one.
+/// Sends as much as possible without waiting through a port, if it exists.
 fn send_to(senders: &[(usize, LinkSender)], port: usize, bytes: &[u8]) {
     if let Some((_, sender)) = senders.iter().find(|(number, _)| *number == port) {
         sender.send(bytes);
     }
 }
 
-/// A link of the loop that is lost ends the flight; one beside it that is lost is told.
+/// Handles a lost link: one of the loop ends the flight, another one is reported.
 fn tell_lost(lost: &mut Option<String>, is_loops: bool, why: String) {
     if is_loops {
         *lost = Some(why);
@@ -213,7 +215,7 @@ fn tell_lost(lost: &mut Option<String>, is_loops: bool, why: String) {
     }
 }
 
-/// The autopilot's protocol behind one of its ports.
+/// Decoder of the autopilot's protocol on one of its ports.
 struct Protocol<'a> {
     autopilot: &'a mut dyn Autopilot,
     senders: &'a [(usize, LinkSender)],

@@ -1,15 +1,16 @@
-//! An autopilot in the place of estimator and controller: the bench's vehicle flies under it.
+//! An autopilot that replaces estimator and controller: it flies the bench's vehicle.
 //!
-//! On `Imu` j the node derives the full sensors from `Truth` j, sends them to the autopilot, takes its actuator outputs,
-//! and publishes command j. An autopilot that waits for its sensors is waited for as well; one that runs freely gets
-//! half a period to answer, and counts with its newest outputs.
+//! On `Imu` j the node derives the full sensors from `Truth` j, sends them to the autopilot, receives its
+//! actuator outputs, and publishes command j. An autopilot in lockstep is waited for; a free-running one has
+//! half a period to answer, and its newest outputs count.
 //!
-//! Before the run the vehicle stands still where it starts, and its sensors are streamed in real time while the plant
-//! waits for command 0: the autopilot starts, its estimator settles, and it is armed. Then the run begins.
+//! Before the run the vehicle is at rest at its start, and its sensors are streamed in real time while the
+//! plant waits for command 0: the autopilot starts, its estimator settles, and it is armed. Then the run
+//! begins.
 //!
-//! Nothing but neutral inputs leaves before the autopilot is armed and after it disarms. Outputs that are too old, not
-//! finite, or missing because the link is gone are no command at all: the plant holds the last one, then goes to its
-//! failsafe, and the log says why.
+//! Only neutral inputs are sent before the autopilot is armed and after it disarms. Outputs that are too old,
+//! not finite, or missing because the link is lost give no command: the plant holds the last one, then goes
+//! to its failsafe, and the log contains the reason.
 
 mod errors;
 mod exchange;
@@ -43,10 +44,10 @@ use state::{Fault, Flight};
 use tally::{Tally, tell};
 use waiting::Waiting;
 
-/// How long the pilot's channels say at the end that they are disarmed: some of their periods.
+/// Duration of the disarmed pilot's channels at the end: several of their periods.
 const DISARM_TIME: Duration = Duration::from_millis(100);
 
-/// The node.
+/// The node of an autopilot in the loop.
 pub struct Hil {
     inbox: Inbox,
     commands: Publisher<Command>,
@@ -62,24 +63,25 @@ pub struct Hil {
     limits: InputLimits,
     rc: Rc,
     flight: Flight,
-    /// The wall clock sets the pace of the loop.
+    /// True when the wall clock sets the pace of the loop.
     is_realtime: bool,
-    /// When the first sensors were sent that are not answered yet; whether an autopilot that is slower than the loop was told.
+    /// Time of the first unanswered sensor message, and whether an autopilot that is slower than the loop was
+    /// reported.
     awaited_since: Option<Instant>,
     told_slow: bool,
     /// Longest wait for an answer.
     patience: Duration,
     period: Duration,
-    /// What the vehicle did last, as the sensors saw it.
+    /// Last sampled motion of the vehicle.
     at: Option<VehicleSample>,
     standing: StandingErrors,
-    /// The sensors that were sent last.
+    /// Last sensors sent.
     sensed: Option<Sensors>,
-    /// When the standing vehicle is to be sensed again.
+    /// Time of the next sensor message while the vehicle waits at rest.
     stand_due: Instant,
-    /// When sensors were sent last.
+    /// Time of the last sensor message.
     sensed_at: Instant,
-    /// Periods that were not sensed, because the autopilot had not answered.
+    /// Number of periods without a sensor message, because the autopilot had not answered.
     held_back: u64,
     last: Option<Command>,
     origin: Instant,
@@ -148,7 +150,7 @@ impl Hil {
         self.origin.elapsed()
     }
 
-    /// Takes in what the autopilot sent.
+    /// Receives the autopilot's messages.
     fn listen(&mut self) {
         let now = self.now();
         self.links.receive(self.autopilot.as_mut(), now);
@@ -173,7 +175,7 @@ impl Hil {
         }
     }
 
-    /// Sees every step that has come; the newest one's number, if there is one.
+    /// Receives all steps that have arrived; returns the number of the newest, if any.
     fn next_step(&mut self) -> Result<Option<u64>, NodeError> {
         let before = self.at.map(|at| at.step);
         let seen = self.inbox.drain(&self.states)?;
@@ -187,7 +189,7 @@ impl Hil {
         Ok(seen.map(|at| at.step))
     }
 
-    /// Reads the sensors `periods` after the last time and sends them.
+    /// Reads the sensors `periods` after the last reading and sends them.
     fn sense(&mut self, periods: u64) {
         let Some(VehicleSample { motion, errors, .. }) = self.at else { return };
         let periods = periods + std::mem::take(&mut self.held_back);
@@ -215,7 +217,7 @@ impl Hil {
         self.autopilot.sense(sensors, &self.rc, now, &mut |port, bytes| links.send(port, bytes));
     }
 
-    /// Streams the sensors of a vehicle that stands still, until the run can begin.
+    /// Streams the sensors of a vehicle at rest, until the run can begin.
     fn stand(&mut self) -> Result<Turn, NodeError> {
         let step = self.next_step()?;
         self.listen();
@@ -227,7 +229,7 @@ impl Hil {
             // No burst after a pause.
             self.stand_due =
                 if now >= self.stand_due + self.period { now } else { self.stand_due } + self.period;
-            // One that waits gets its next sensors when it has answered, or when its answer seems lost.
+            // An autopilot in lockstep gets its next sensors after its answer, or when the answer seems lost.
             let patience = if self.autopilot.is_lockstep() { self.patience } else { Duration::ZERO };
             if self.autopilot.is_answered() || now >= self.sensed_at + patience {
                 self.sense(1);
@@ -260,7 +262,7 @@ impl Hil {
         Ok(if step.is_some() || ready { Turn::Worked } else { Turn::Idle })
     }
 
-    /// Whether the throttle is up, where this bridge is the one to raise it.
+    /// True when the throttle is up, where this bridge controls it.
     fn rc_is_done(&self) -> bool {
         matches!(self.rc.stage(), Stage::Off | Stage::Flying)
     }
@@ -314,7 +316,8 @@ impl Hil {
         }
         let periods = before.map_or(1, |last| step.saturating_sub(last));
         if self.is_slow() {
-            // The turn of this period is part of the next reading: none of it may be missing from the gyroscope's sum.
+            // The rotation of this period is added to the next reading: the gyroscope's integral must be
+            // complete.
             self.held_back += periods;
         } else {
             self.sense(periods);
@@ -327,7 +330,7 @@ impl Hil {
         Ok(Turn::Worked)
     }
 
-    /// Tells the autopilot to disarm while its link is still there, more than once because datagrams get lost.
+    /// Disarms the autopilot while its link still exists, repeatedly because datagrams can be lost.
     fn disarm(&mut self) {
         self.flight.forget();
         let until = Instant::now() + DISARM_TIME;

@@ -1,15 +1,15 @@
-//! How long an autopilot is waited for.
+//! Waiting for an autopilot's answer.
 
 use std::time::{Duration, Instant};
 
 use super::Hil;
 
-/// Longest time awake for an answer: one of an autopilot on this machine that computes fast costs no wake-up then. At
-/// most so much, because a node of high priority must not starve the autopilot that it waits for.
+/// Longest busy wait for an answer: a fast autopilot on this machine then costs no wake-up. It is short,
+/// because a node of high priority must not starve the autopilot for which it waits.
 const SPIN_TIME: Duration = Duration::from_micros(50);
 
 impl Hil {
-    /// Whether one that waits for its sensors still computes on the last ones while the wall clock goes on.
+    /// True when an autopilot in lockstep still processes the last sensors while the wall clock advances.
     pub(super) fn is_slow(&mut self) -> bool {
         self.listen();
         let spent = self.sensed_at.elapsed();
@@ -30,7 +30,7 @@ impl Hil {
         false
     }
 
-    /// Waits until the autopilot has answered, at most as long as it may take.
+    /// Waits until the autopilot has answered, at most its longest answer time.
     pub(super) fn await_answer(&mut self) {
         let waits = self.autopilot.is_lockstep() && !self.is_realtime;
         let patience = if waits { self.patience } else { self.patience.min(self.period / 2) };

@@ -1,4 +1,4 @@
-//! Whether the autopilot flies, and what its outputs are worth: last before the bus.
+//! State of the autopilot's flight, and validity of its outputs: the last check before the bus.
 
 use std::time::Duration;
 
@@ -7,22 +7,22 @@ use whirlstand_bridge::mixer::{FrameKind, Mixer};
 
 use crate::gate::InputLimits;
 
-/// A motor that turns at least so much is armed, where the protocol does not say it.
+/// Smallest motor output of an armed autopilot, where the protocol does not report it.
 const TURNING: f64 = 0.005;
 
-/// Why there is no command, or a neutral one.
+/// Reason for a missing or neutral command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fault {
     /// No outputs, or too old ones.
     Silent,
-    /// The outputs make no number.
+    /// The outputs are not finite.
     NotFinite,
-    /// It is not armed.
+    /// The autopilot is not armed.
     Disarmed,
 }
 
 impl Fault {
-    /// What the log says.
+    /// Text for the log.
     pub(super) fn text(self) -> &'static str {
         match self {
             Self::Silent => "no fresh outputs: no command, the plant goes to its failsafe",
@@ -40,7 +40,7 @@ pub(in crate::bridge) struct Flight {
     motors: bool,
     outputs: Option<(Outputs, Duration)>,
     begun: bool,
-    /// Once it was lost in flight, it is not armed again in this run.
+    /// True after a loss in flight: the autopilot is then not armed again in this run.
     lost: bool,
     fault: Option<Fault>,
     change: Option<Option<Fault>>,
@@ -62,12 +62,12 @@ impl Flight {
         }
     }
 
-    /// When the run is to begin.
+    /// Condition for the beginning of the run.
     pub(super) fn begin(&self) -> Begin {
         self.begin
     }
 
-    /// The run begins.
+    /// Marks the beginning of the run.
     pub(super) fn start(&mut self) {
         self.begun = true;
     }
@@ -76,38 +76,38 @@ impl Flight {
         self.begun
     }
 
-    /// New outputs.
+    /// Stores new outputs.
     pub(in crate::bridge) fn take(&mut self, outputs: Outputs, now: Duration) {
         self.outputs = Some((outputs, now));
     }
 
-    /// The autopilot is gone, or knows nothing any more.
+    /// Discards the outputs, as the autopilot is lost or has restarted.
     pub(in crate::bridge) fn forget(&mut self) {
         self.outputs = None;
         self.lost |= self.begun;
     }
 
-    /// Whether the pilot's channels may arm it.
+    /// True when the pilot's channels may arm the autopilot.
     pub(super) fn may_arm(&self) -> bool {
         !self.lost
     }
 
-    /// Outputs that made no number.
+    /// Number of outputs that were not finite.
     pub(super) fn refused(&self) -> u64 {
         self.refused
     }
 
-    /// Whether there are outputs that are not too old.
+    /// True when there are outputs that are not too old.
     pub(in crate::bridge) fn is_fresh(&self, now: Duration) -> bool {
         self.fresh(now).is_some()
     }
 
-    /// Whether there are fresh outputs of an armed autopilot.
+    /// True when there are fresh outputs of an armed autopilot.
     pub(in crate::bridge) fn is_flying(&self, mixer: &Mixer, now: Duration) -> bool {
         self.fresh(now).is_some_and(|outputs| self.is_armed(&outputs, mixer))
     }
 
-    /// The outputs that are not too old.
+    /// The outputs, unless they are too old.
     pub(super) fn newest(&self, now: Duration) -> Option<Outputs> {
         self.fresh(now)
     }
@@ -126,7 +126,7 @@ impl Flight {
         }
     }
 
-    /// Puts the inputs of the next period into `u`: within the vehicle's limits, and neutral when disarmed.
+    /// Writes the inputs of the next period into `u`: within the vehicle's limits, and neutral when disarmed.
     ///
     /// # Errors
     /// The [`Fault`]; on all but [`Fault::Disarmed`] there is no command.
@@ -163,7 +163,7 @@ impl Flight {
         verdict
     }
 
-    /// What changed since the last call: a fault began, or all is well again.
+    /// Change of the fault since the last call: a new fault, or none any more.
     pub(super) fn take_change(&mut self) -> Option<Option<Fault>> {
         self.change.take()
     }

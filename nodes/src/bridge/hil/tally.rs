@@ -1,31 +1,31 @@
-//! What is told of an autopilot's outputs and of what was refused: each kind once, and the sums at the end.
+//! Reports on an autopilot's outputs and on refused packets: each kind once, and totals at the end.
 
 use whirlstand_bridge::autopilot::{Counts, Outputs};
 use whirlstand_bridge::mixer::Mixer;
 use whirlstand_bridge::note::Note;
 use whirlstand_bridge::peer::PeerCounts;
 
-/// So much of nothing but what cannot be read is reported as a wrong link.
+/// Number of unreadable bytes, without a readable packet, from which a wrong link is reported.
 const UNREADABLE_BYTES: u64 = 200;
 
-/// Counts, and what was told of them.
+/// Counters, and which of them were reported.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tally {
     name: &'static str,
     counts: Counts,
     unreadable: bool,
     beyond: u64,
-    /// What did not travel before the run: an autopilot that starts misses nothing of it.
+    /// Packets lost before the run, which do not count: an autopilot that starts misses nothing of it.
     before: Option<u64>,
 }
 
 impl Tally {
-    /// Of the autopilot with this name.
+    /// Counters for the autopilot with this name.
     pub(super) fn new(name: &'static str) -> Self {
         Self { name, counts: Counts::default(), unreadable: false, beyond: 0, before: None }
     }
 
-    /// Counts outputs that the mixer uses and that are beyond their range.
+    /// Counts outputs used by the mixer that are beyond their range.
     pub(super) fn outputs(&mut self, outputs: &Outputs, mixer: &Mixer) {
         let Some(first) = mixer.first_used(outputs.beyond) else { return };
         self.beyond += 1;
@@ -34,22 +34,22 @@ impl Tally {
         }
     }
 
-    /// Outputs that were held at a limit.
+    /// Number of outputs held at a limit.
     pub(super) fn beyond(&self) -> u64 {
         self.beyond
     }
 
-    /// The run begins.
+    /// Marks the beginning of the run.
     pub(super) fn begin(&mut self, counts: Counts) {
         self.before.get_or_insert(counts.lost + counts.skipped);
     }
 
-    /// Packets of the run that never came, or were never sent.
+    /// Number of packets of the run that never arrived, or were never sent.
     pub(super) fn lost(&self, counts: Counts) -> u64 {
         self.before.map_or(0, |before| (counts.lost + counts.skipped).saturating_sub(before))
     }
 
-    /// Tells what happened for the first time.
+    /// Reports events that happened for the first time.
     pub(super) fn look(&mut self, counts: Counts, refused: PeerCounts) {
         if counts.malformed > 0 && self.counts.malformed == 0 {
             tracing::warn!("{} sent messages that are not in its protocol: {counts:?}", self.name);
@@ -71,7 +71,7 @@ impl Tally {
         self.counts = counts;
     }
 
-    /// Tells the sums.
+    /// Reports the totals.
     pub(super) fn end(&self, unsent: u64, refused: PeerCounts) {
         tracing::info!(
             unsent,
@@ -94,7 +94,7 @@ impl Tally {
     }
 }
 
-/// Tells what the protocol has to say.
+/// Reports a note of the protocol.
 pub(super) fn tell(note: &Note) {
     let Note { warn, text } = note;
     if *warn {

@@ -1,21 +1,21 @@
-//! What is told while an autopilot is waited for: whom the bench waits for, and why it is not armed.
+//! Reports while an autopilot is awaited: for whom the bench waits, and why it is not armed.
 
 use std::time::{Duration, Instant};
 
 use crate::wait_report::WaitReport;
 
-/// An autopilot that is there, has had its time to start and has not said for so long why it is not armed is told with where to
-/// look.
+/// Time after which a connected, started autopilot without a reason for not being armed is reported, with
+/// advice where to look.
 const UNEXPLAINED: Duration = Duration::from_secs(5);
 
-/// The wait for an autopilot.
+/// State of the wait for an autopilot.
 #[derive(Debug)]
 pub(super) struct Waiting {
     name: &'static str,
     report: WaitReport,
-    /// What it is given to start, before anybody arms it.
+    /// Start-up time of the autopilot before anybody arms it.
     grace: Duration,
-    /// Since when it has been there without being armed.
+    /// Time since which it is connected without being armed.
     there_since: Option<Instant>,
     advised: bool,
 }
@@ -25,13 +25,13 @@ impl Waiting {
         Self { name, report: WaitReport::new(now), grace, there_since: None, advised: false }
     }
 
-    /// It flies.
+    /// Ends the wait, as the autopilot flies.
     pub(super) fn over(&mut self) {
         self.report.over();
     }
 
-    /// It is waited for; `said` is why it is not armed as far as it said, `place` where it is waited for. Returns whether it
-    /// should be told where to look for the reason, once.
+    /// Reports the wait; `said` is the reported reason for not being armed, `place` the awaited endpoint.
+    /// Returns whether advice where to look for the reason should be given, once.
     pub(super) fn tell(
         &mut self,
         now: Instant,

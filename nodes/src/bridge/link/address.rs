@@ -1,32 +1,32 @@
-//! Where a link goes, written as an address.
+//! Address of a link.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// The other end of a link.
+/// Address of the other end of a link.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A serial port.
     Serial {
-        /// Device.
+        /// Path of the device.
         path: PathBuf,
-        /// Any rate that the port can do.
+        /// Baud rate; any rate that the port supports.
         baud: u32,
-        /// 8E2 as SBUS has it; otherwise 8N1.
+        /// True for 8E2, as for SBUS; otherwise 8N1.
         even_two: bool,
     },
-    /// Bound here; the first who says something valid is the other end.
+    /// UDP socket bound to this address; the first sender of something valid is the peer.
     UdpIn(SocketAddr),
-    /// Sent there; answers come back.
+    /// UDP to this address; answers come from there.
     UdpOut(SocketAddr),
-    /// Waits for one client at a time.
+    /// TCP server for one client at a time.
     TcpIn(SocketAddr),
-    /// Connects there.
+    /// TCP client of this address.
     TcpOut(SocketAddr),
 }
 
-/// An address that cannot be read.
+/// The text is not a valid address.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "'{text}' is not a link address: {reason}; serial:///dev/ttyACM0:921600, serial:///dev/ttyUSB0:100000:8E2, \
@@ -73,12 +73,12 @@ fn serial(rest: &str) -> Result<Address, String> {
 }
 
 impl Address {
-    /// Whether anybody can come here, so that a peer may be pinned.
+    /// True when anybody can connect, so that a peer may be pinned.
     pub fn is_open(&self) -> bool {
         matches!(self, Self::UdpIn(_) | Self::TcpIn(_))
     }
 
-    /// Where the other end is waited for, for people: `tcp 4560`, `udp 192.0.2.7:14550`, `/dev/ttyACM0`.
+    /// Text of the endpoint on which the peer is awaited: `tcp 4560`, `udp 192.0.2.7:14550`, `/dev/ttyACM0`.
     pub fn place(&self) -> String {
         match self {
             Self::Serial { path, .. } => path.display().to_string(),

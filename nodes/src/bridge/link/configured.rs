@@ -1,4 +1,4 @@
-//! A link as the launch file describes it.
+//! Links from the launch file.
 
 use std::time::Duration;
 
@@ -7,10 +7,10 @@ use whirlstand_bridge::peer::Pin;
 use super::{Address, Link};
 use crate::error::NodeError;
 
-/// The link at the address in `bridge.TABLE.KEY`, which believes the one in `bridge.TABLE.peer`.
+/// The link with the address in `bridge.TABLE.KEY`, which accepts only the peer in `bridge.TABLE.peer`.
 ///
 /// # Errors
-/// [`NodeError::Config`] for an address that is none, and for a pin where nobody else could come.
+/// [`NodeError::Config`] for an invalid address, and for a pin on a link without other senders.
 pub fn configured(
     table: &str,
     key: &str,

@@ -1,4 +1,4 @@
-//! Taking in what waits on a link, so much at a look, from the peer alone.
+//! Receives waiting data of a link, up to a limit per call, from its peer only.
 
 use std::time::Instant;
 
@@ -6,32 +6,31 @@ use whirlstand_bridge::peer::Verdict;
 
 use super::{Link, LinkEvent, Received};
 
-/// Longest datagram, and most that is read of a stream at once: none of the protocols has one half as long.
+/// Longest datagram, and largest read of a stream: more than twice the longest packet of any protocol.
 pub const BUFFER: usize = 4096;
 
-/// Pieces, and bytes, that are taken in at a look, before the other links and the steps have their turn. A refused piece
-/// counts as any other: it costs a call to the system.
+/// Largest number of pieces, and of bytes, received per call, before the other links and the steps have their
+/// turn. A refused piece counts as any other: it costs a system call.
 const MOST_PIECES: usize = 64;
 const MOST_BYTES: usize = 16_384;
 
-/// So many looks in a row that leave something are no pause of this node after which it catches up.
+/// Number of consecutive calls with remaining data from which they are a flood, not a pause of this node.
 const FLOOD_LOOKS: u32 = 16;
 
-/// Who understands what comes over a link.
+/// Decoder of a link's data.
 pub trait Decoder {
-    /// Whether a datagram of somebody who is not the peer makes him one, by itself.
+    /// True when a datagram of another sender, by itself, makes this sender the peer.
     fn recognises(&mut self, datagram: &[u8]) -> bool;
 
-    /// Another peer takes the place of the one before.
+    /// Called when another peer replaces the previous one.
     fn peer_changed(&mut self);
 
-    /// Takes in a datagram, behind which nothing goes on, or the next bytes of a stream. Returns whether something in
-    /// it was valid.
+    /// Decodes a complete datagram, or the next bytes of a stream. Returns whether something in it was valid.
     fn decode(&mut self, bytes: &[u8], is_datagram: bool) -> bool;
 }
 
 impl Link {
-    /// Takes in what waits, up to a limit; the rest stays for the next look.
+    /// Receives waiting data, up to a limit; the rest stays for the next call.
     ///
     /// # Errors
     /// The link went down; it is opened again by [`Link::maintain`].
@@ -44,7 +43,7 @@ impl Link {
         let refused_before = self.peers.counts().sum();
         let at = now.saturating_duration_since(self.origin);
         let mut bytes = 0;
-        // The peer's own first: it waits behind nobody.
+        // The peer's own socket first, so that its data are not delayed by others.
         let mut own = self.own.is_some();
         for _ in 0..MOST_PIECES {
             let received = if own { self.receive_own(buffer) } else { self.receive(buffer)? };

@@ -1,10 +1,11 @@
-//! Links to hardware: serial, UDP and TCP, opened again for as long as the bench runs.
+//! Links to hardware: serial, UDP and TCP, reopened as long as the bench runs.
 //!
-//! Nothing here blocks but the caller's own `poll` on [`Link::fd`]. A link that is down is tried again every
-//! [`RETRY`]; its sender drops, and counts, what cannot go out at once, because an old command is worth nothing.
+//! Nothing here blocks except the caller's own `poll` on [`Link::fd`]. A closed link is retried every
+//! [`RETRY`]; its sender drops, and counts, data that cannot be sent at once, because an old command is
+//! useless.
 //!
-//! Who is believed on a port that anybody can reach is decided by one [`PeerKeeper`] for each link: on UDP an address is
-//! adopted by a valid message, on TCP a client that is silent gives way to one that waits.
+//! The accepted peer of a port that anybody can reach is determined by one [`PeerKeeper`] per link: on UDP an
+//! address is adopted by a valid message, on TCP a silent client is replaced by a waiting one.
 
 mod address;
 mod configured;
@@ -33,34 +34,34 @@ pub use wait::wait_for_bytes;
 
 use crate::os::with_holder;
 
-/// Between two attempts to open a link.
+/// Time between two attempts to open a link.
 pub const RETRY: Duration = Duration::from_millis(200);
 
-/// Longest wait for a TCP peer; the loop stands still meanwhile, but without a link there is nothing to do.
+/// Longest wait for a TCP connection; the loop blocks meanwhile, but without a link there is nothing to do.
 const CONNECT: Duration = Duration::from_millis(300);
 
-/// Between two looks at who waits for a TCP port that is taken.
+/// Period of checks for clients that wait for an occupied TCP port.
 const LOOK: Duration = Duration::from_millis(100);
 
 const CLOSED: &str = "the other end closed it";
 
-/// Something that happened to a link.
+/// Event of a link.
 #[derive(Debug, PartialEq, Eq)]
 pub enum LinkEvent {
-    /// It is open, for the first time or again.
+    /// The link was opened, for the first time or again.
     Up,
-    /// It is closed, and why.
+    /// The link was closed, with the reason.
     Down(String),
-    /// It is open with another client, and why.
+    /// Another client has replaced the previous one, with the reason.
     Replaced(String),
 }
 
-/// What a look at the link gave.
+/// Result of a read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Received {
-    /// Nothing waits.
+    /// No data wait.
     Nothing,
-    /// So many bytes of a stream.
+    /// Bytes of a stream.
     Stream(usize),
     /// A datagram.
     Datagram { length: usize, from: SocketAddr },
@@ -72,14 +73,14 @@ enum Wire {
     Udp { socket: UdpSocket, to: Option<SocketAddr> },
 }
 
-/// What both halves of a link share.
+/// State shared by both halves of a link.
 #[derive(Default)]
 struct Shared {
     wire: Mutex<Option<Arc<Wire>>>,
-    /// The peer of a bound UDP socket, adopted by what it said.
+    /// Peer of a bound UDP socket, adopted by a valid message.
     peer: Mutex<Option<SocketAddr>>,
     dropped: AtomicU64,
-    /// Bytes that may wait in the driver of a serial port.
+    /// Largest number of bytes that may wait in the driver of a serial port.
     most_waiting: usize,
 }
 
@@ -88,40 +89,40 @@ pub struct Link {
     address: Address,
     server: Option<TcpServer>,
     wire: Option<Arc<Wire>>,
-    /// What the peer sends to a UDP port comes in here.
+    /// Connected socket that receives only the peer's datagrams on a UDP port.
     own: Option<UdpSocket>,
     shared: Arc<Shared>,
     retry_at: Instant,
-    /// Why the last attempt failed, so that it is reported once.
+    /// Reason for the last failed attempt, so that it is reported once.
     reported: Option<String>,
     peers: PeerKeeper,
-    /// Zero of the keeper's time.
+    /// Zero of the peer keeper's time.
     origin: Instant,
     look_at: Instant,
-    /// Looks in a row that left something waiting.
+    /// Number of consecutive calls that left data waiting.
     full_looks: u32,
-    /// That was told.
+    /// True when a flood was reported.
     flooded: bool,
-    /// What is to be told beside what the keeper tells.
+    /// Notes besides those of the peer keeper.
     notes: VecDeque<String>,
-    /// The client, or the one who waits, of whom was told last.
+    /// The client, or waiting client, that was last reported.
     told: Option<SocketAddr>,
 }
 
-/// The sending half; any thread may have one.
+/// The sending half; usable from any thread.
 #[derive(Clone)]
 pub struct LinkSender(Arc<Shared>);
 
 impl Link {
-    /// A link that is not open yet; [`Link::maintain`] opens it.
+    /// A closed link; [`Link::maintain`] opens it.
     pub fn new(address: Address) -> Self {
         Self::with_peer(address, None, SILENCE)
     }
 
-    /// One that believes `pin` alone, and keeps a peer until it has been silent for `silence`.
+    /// A link that accepts only `pin`, and keeps a peer until it has been silent for `silence`.
     pub fn with_peer(address: Address, pin: Option<Pin>, silence: Duration) -> Self {
         let pin = match &address {
-            // Who is spoken to is who may answer.
+            // Only the addressed host may answer.
             Address::UdpOut(to) => Some(Pin::Host(to.ip())),
             _ => pin,
         };
@@ -148,7 +149,7 @@ impl Link {
         }
     }
 
-    /// Where it goes.
+    /// Address of the link.
     pub fn address(&self) -> &Address {
         &self.address
     }
@@ -163,8 +164,8 @@ impl Link {
         self.wire.is_some()
     }
 
-    /// What to poll for input; `None` while it is down and nothing is listened to. Who is not the peer wakes nobody, and
-    /// is looked at when the caller looks anyway.
+    /// File descriptor to poll for input; `None` while the link is closed without a listening socket. Other
+    /// senders than the peer do not wake the caller, and are handled at its next call.
     pub fn fd(&self) -> Option<BorrowedFd<'_>> {
         if let Some(own) = &self.own {
             return Some(own.as_fd());
@@ -178,24 +179,25 @@ impl Link {
         }
     }
 
-    /// When to call [`Link::maintain`]; `None` while it is up.
+    /// Time of the next call of [`Link::maintain`]; `None` while the link is open.
     pub fn retry_at(&self) -> Option<Instant> {
         (!self.is_up()).then_some(self.retry_at)
     }
 
-    /// What was refused because of who sent it.
+    /// Number of datagrams and clients refused because of their sender.
     pub fn refused(&self) -> PeerCounts {
         self.peers.counts()
     }
 
-    /// The oldest thing that the user is to know of the link, and whether it is a warning.
+    /// The oldest note for the user, and whether it is a warning.
     pub fn take_note(&mut self) -> Option<(bool, String)> {
         let note = self.peers.note().map(|note| (note.is_warning(), note.to_string()));
         let (warn, text) = note.or_else(|| self.notes.pop_front().map(|text| (true, text)))?;
         Some((warn, format!("{}: {text}", self.address)))
     }
 
-    /// Opens the link when it is down and an attempt is due, and lets a TCP client in that waits for one who is silent.
+    /// Opens a closed link when an attempt is due, and accepts a waiting TCP client that replaces a silent
+    /// one.
     pub fn maintain(&mut self, now: Instant) -> Option<LinkEvent> {
         if self.is_up() {
             return self.look(now);
@@ -221,7 +223,7 @@ impl Link {
         self.wire = Some(wire);
     }
 
-    /// Looks at who waits for a TCP port that is taken.
+    /// Checks for clients that wait for an occupied TCP port.
     fn look(&mut self, now: Instant) -> Option<LinkEvent> {
         let server = self.server.as_mut()?;
         if now < self.look_at {
@@ -232,7 +234,7 @@ impl Link {
         let holder = self.peers.peer()?;
         let is_free = self.peers.is_free(at);
         let silence = self.peers.silence().as_secs_f64();
-        // A port that fails is told when it is needed.
+        // A failing port is reported when it is needed.
         let waiting = server.waiting(&mut self.peers).ok().flatten();
         let (about, text) = match waiting {
             Some(next) if is_free => {
@@ -259,27 +261,28 @@ impl Link {
         None
     }
 
-    /// Makes the sender of a valid datagram the peer; whether there was another before.
+    /// Makes the sender of a valid datagram the peer; returns whether it replaces another.
     fn adopt(&mut self, from: SocketAddr, at: Duration) -> bool {
         *lock(&self.shared.peer) = Some(from);
         if let Some(Wire::Udp { socket, .. }) = self.wire.as_deref() {
-            // The one before has the port until then. Without one of its own the peer shares the queue of all.
+            // The previous peer's socket occupies the port. Without its own socket the new peer shares the
+            // queue of all.
             self.own = None;
             self.own = own_socket(socket, from).ok();
         }
         self.peers.adopt(from, at).is_some()
     }
 
-    /// Takes what the peer sent to a socket of its own.
+    /// Receives data of the peer's own socket.
     fn receive_own(&mut self, buffer: &mut [u8]) -> Received {
-        // What is wrong with it is wrong with the open socket as well, and told there.
+        // Errors of this socket occur on the open socket as well, and are reported there.
         match self.own.as_ref().map(|own| own.recv_from(buffer)) {
             Some(Ok((length, from))) => Received::Datagram { length, from },
             Some(Err(_)) | None => Received::Nothing,
         }
     }
 
-    /// Takes what waits, at most as much as `buffer` holds.
+    /// Receives waiting data, at most the size of `buffer`.
     fn receive(&mut self, buffer: &mut [u8]) -> Result<Received, LinkEvent> {
         let Some(wire) = self.wire.as_deref() else { return Ok(Received::Nothing) };
         let read = match wire {
@@ -287,7 +290,7 @@ impl Link {
             Wire::Tcp(stream) => (&*stream).read(buffer),
             Wire::Udp { socket, .. } => match socket.recv_from(buffer) {
                 Ok((length, from)) => return Ok(Received::Datagram { length, from }),
-                // The peer is not there yet, or was restarted: a datagram of ours bounced.
+                // The peer does not exist yet, or was restarted: one of our datagrams was rejected.
                 Err(e) if e.kind() == io::ErrorKind::ConnectionRefused => return Ok(Received::Nothing),
                 Err(e) => Err(e),
             },
@@ -298,7 +301,7 @@ impl Link {
             Err(e) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
                 Ok(Received::Nothing)
             }
-            // What closes with something of ours unread resets the connection: it is closed all the same.
+            // Closing with unread data of ours resets the connection, which is a normal close.
             Err(e) if e.kind() == io::ErrorKind::ConnectionReset => Err(self.close(CLOSED)),
             Err(e) => Err(self.close(&e.to_string())),
         }
@@ -351,12 +354,13 @@ impl Link {
 }
 
 impl LinkSender {
-    /// Sends what can go out at once, and says whether all of it could. The rest is dropped and counted.
+    /// Sends as much as possible without waiting; true if everything was sent. The rest is dropped and
+    /// counted.
     pub fn send(&self, bytes: &[u8]) -> bool {
         let wire = lock(&self.0.wire).clone();
         let sent = match wire.as_deref() {
             None => false,
-            // What is new supersedes what waits, and there is no way to take that back: so it is not added to.
+            // Waiting bytes are obsolete but cannot be withdrawn: so none are added.
             Some(Wire::Serial(port)) if serial::waiting(port) > self.0.most_waiting => false,
             Some(Wire::Serial(port)) => rustix::io::write(port, bytes).is_ok_and(|n| n == bytes.len()),
             Some(Wire::Tcp(stream)) => (&*stream).write(bytes).is_ok_and(|n| n == bytes.len()),
@@ -371,7 +375,7 @@ impl LinkSender {
         sent
     }
 
-    /// How often something was dropped because the link was down or could not keep up.
+    /// Number of sends dropped because the link was closed or congested.
     pub fn dropped(&self) -> u64 {
         self.0.dropped.load(Ordering::Relaxed)
     }
@@ -383,7 +387,7 @@ fn tcp(stream: TcpStream) -> io::Result<Wire> {
     Ok(Wire::Tcp(stream))
 }
 
-/// A thread that panicked in between cannot have left half a value here.
+/// A panic in another thread cannot leave an inconsistent value here.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

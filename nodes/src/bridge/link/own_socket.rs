@@ -1,20 +1,22 @@
-//! A socket that hears the peer alone.
+//! Socket that receives only the peer's datagrams.
 
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
 
 use socket2::{Domain, Protocol, SockRef, Socket, Type};
 
-/// A second socket on the port of `open`, connected to the peer: the system gives it what comes from there, and all else to
-/// the open one. So strangers, however many, cannot fill the queue in which the peer's datagrams wait, and wake nobody.
+/// A second socket on the port of `open`, connected to the peer: the system delivers the peer's datagrams to
+/// it, and all others to the open one. So other senders cannot fill the queue of the peer's datagrams, and do
+/// not wake the node.
 ///
 /// # Errors
-/// The system's answer.
+/// The error of the operating system.
 pub(super) fn own_socket(open: &UdpSocket, peer: SocketAddr) -> io::Result<UdpSocket> {
     let at = open.local_addr()?;
     let own = Socket::new(Domain::for_address(at), Type::DGRAM, Some(Protocol::UDP))?;
     let open = SockRef::from(open);
-    // Two sockets may have a port when both allow it, which must not last: another program could come as well.
+    // Two sockets may share a port when both allow it, which must not remain so: another program could bind
+    // it as well.
     open.set_reuse_address(true)?;
     own.set_reuse_address(true)?;
     let bound = own.bind(&at.into());

@@ -1,4 +1,4 @@
-//! Opening a serial port: raw, at any rate.
+//! Opens serial ports in raw mode, at any rate.
 
 use std::io;
 use std::os::fd::{AsRawFd, OwnedFd};
@@ -7,16 +7,17 @@ use std::path::Path;
 use rustix::fs::{Mode, OFlags, open};
 use rustix::termios::{ControlModes, OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
-/// Oldest byte that may wait in the driver when something new is sent: more, and a failsafe would come too late.
+/// Largest age of bytes that wait in the driver when something new is sent, s: beyond it a failsafe would
+/// come too late.
 const OLDEST: f64 = 0.05;
 
-/// Bytes that may wait in the driver of a line at this rate and format.
+/// Largest number of bytes that may wait in the driver of a line at this rate and format.
 pub(super) fn most_waiting(baud: u32, even_two: bool) -> usize {
     let bits = if even_two { 12.0 } else { 10.0 };
     (f64::from(baud) / bits * OLDEST) as usize
 }
 
-/// Bytes that wait in the driver; 0 where it does not say, as a pseudo-terminal's.
+/// Number of bytes that wait in the driver; 0 where it is not reported, as for a pseudo-terminal.
 pub(super) fn waiting(port: &OwnedFd) -> usize {
     let mut count: libc::c_int = 0;
     // SAFETY: the descriptor is open for as long as `port` lives, and TIOCOUTQ writes one int, for which there is room.
@@ -27,7 +28,7 @@ pub(super) fn waiting(port: &OwnedFd) -> usize {
 /// Opens a port without waiting for a modem and sets rate and format.
 ///
 /// # Errors
-/// The system's answer; a rate that the port does not take is one.
+/// The error of the operating system, also for a rate that the port does not support.
 pub(super) fn open_port(path: &Path, baud: u32, even_two: bool) -> io::Result<OwnedFd> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let port = open(path, flags, Mode::empty())?;
@@ -39,12 +40,12 @@ pub(super) fn open_port(path: &Path, baud: u32, even_two: bool) -> io::Result<Ow
     settings.set_speed(baud)?;
     tcsetattr(&port, OptionalActions::Now, &settings)?;
     let is = tcgetattr(&port)?.output_speed();
-    // A divider hits most rates within two percent; more than three is another rate.
+    // A divider meets most rates within two percent; a difference above three is another rate.
     if is.abs_diff(baud) > baud / 32 {
         let reason = format!("the port does not support {baud} baud; it is at {is}");
         return Err(io::Error::new(io::ErrorKind::InvalidInput, reason));
     }
-    // What waited there was sent before anybody listened.
+    // Waiting bytes were sent before the port was opened.
     tcflush(&port, QueueSelector::IOFlush)?;
     Ok(port)
 }

@@ -1,4 +1,4 @@
-//! A TCP port with one client at a time, and one that waits.
+//! TCP server for one client at a time, with one more waiting.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -8,20 +8,20 @@ use whirlstand_bridge::peer::PeerKeeper;
 
 use crate::os::with_holder;
 
-/// Clients turned away at a look, so that a flood of them holds nothing up.
+/// Largest number of clients rejected per call, so that a flood does not block.
 const AT_ONCE: usize = 8;
 
-/// The port.
+/// The listening port with its waiting client.
 pub(super) struct TcpServer {
     listener: TcpListener,
     waiting: Option<(TcpStream, SocketAddr)>,
 }
 
 impl TcpServer {
-    /// Listens there.
+    /// Listens at an address.
     ///
     /// # Errors
-    /// The system's answer.
+    /// The error of the operating system.
     pub(super) fn bind(at: SocketAddr) -> io::Result<Self> {
         let listener = TcpListener::bind(at).map_err(|e| with_holder(e, at, true))?;
         listener.set_nonblocking(true)?;
@@ -32,7 +32,7 @@ impl TcpServer {
         self.listener.as_fd()
     }
 
-    /// Who waits and has not left.
+    /// The client that waits and has not left.
     ///
     /// # Errors
     /// The port fails.
@@ -50,10 +50,10 @@ impl TcpServer {
                     client.set_nodelay(true)?;
                     self.waiting = Some((client, address));
                 }
-                // Dropped, and so closed.
+                // Dropped, and thereby closed.
                 Ok(_) => {}
                 Err(e) if e.kind() == ErrorKind::WouldBlock => return Ok(None),
-                // It left before it was let in.
+                // It left before it was accepted.
                 Err(e) if matches!(e.kind(), ErrorKind::ConnectionAborted | ErrorKind::Interrupted) => {}
                 Err(e) => return Err(e),
             }
@@ -61,7 +61,7 @@ impl TcpServer {
         Ok(None)
     }
 
-    /// Lets the one in who waits.
+    /// Accepts the waiting client.
     pub(super) fn take(&mut self) -> Option<(TcpStream, SocketAddr)> {
         self.waiting.take()
     }

@@ -2,7 +2,7 @@ use super::*;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use std::net::TcpListener;
 
-/// Turns until a link is up and something was received, at most five seconds.
+/// Repeats until a link is open and something was received, at most five seconds.
 fn until<T>(mut done: impl FnMut() -> Option<T>) -> T {
     let end = Instant::now() + Duration::from_secs(5);
     loop {
@@ -74,7 +74,7 @@ fn a_serial_port_that_was_unplugged_is_opened_again() {
     assert_eq!(link.sender().dropped(), 2);
 }
 
-/// Takes words: those that begin with "good" are valid.
+/// Decodes words: those that begin with "good" are valid.
 #[derive(Default)]
 struct Words {
     taken: Vec<String>,
@@ -102,7 +102,7 @@ fn notes(link: &mut Link) -> Vec<String> {
     std::iter::from_fn(|| link.take_note()).map(|(_, text)| text).collect()
 }
 
-/// Drains until `done`, at the time `now` of the link.
+/// Receives until `done`, at the time `now` of the link.
 fn drain(link: &mut Link, words: &mut Words, now: Instant, done: impl Fn(&Link, &Words) -> bool) {
     until(|| {
         link.drain(&mut [0; 64], now, words).unwrap();
@@ -138,7 +138,7 @@ fn udp_answers_the_one_who_spoke_validly_and_nobody_else_until_he_is_silent() {
     assert_eq!(peer.recv(&mut buffer).unwrap(), 6);
     let told = notes(&mut link);
     assert_eq!(told.len(), 3, "each once: {told:?}");
-    // The peer says nothing valid any more, which is silence.
+    // The peer sends nothing valid any more, which counts as silence.
     let later = now + SILENCE + Duration::from_millis(1);
     peer.send_to(b"bad", place).unwrap();
     drain(&mut link, &mut words, later, |_, words| words.taken.len() == 2);
@@ -295,8 +295,8 @@ fn tcp_peers_may_leave_and_come_back() {
     }
 }
 
-/// A pseudo-terminal's driver holds nothing back, so a pair of sockets stands for the line: TIOCOUTQ counts there as well what was
-/// written and is not read.
+/// A pseudo-terminal's driver holds nothing back, so a socket pair replaces the line: TIOCOUTQ counts there
+/// unread bytes as well.
 #[test]
 fn nothing_is_added_to_a_line_whose_driver_holds_more_than_50_ms_back() {
     use std::os::unix::net::UnixStream;
@@ -315,7 +315,7 @@ fn nothing_is_added_to_a_line_whose_driver_holds_more_than_50_ms_back() {
     let mut read = [0; 300];
     other.read_exact(&mut read).unwrap();
     assert_eq!(read, old);
-    // The line has caught up: the newest goes out at once, and nothing of what was left out.
+    // The line has caught up: the newest data are sent at once, and none of the dropped ones.
     assert!(sender.send(&[3; 20]));
     let mut read = [0; 64];
     assert_eq!(other.read(&mut read).unwrap(), 20);

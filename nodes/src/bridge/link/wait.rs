@@ -1,4 +1,4 @@
-//! Waiting for bytes, on several links at once.
+//! Waits for input on several links at once.
 
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
@@ -7,9 +7,9 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 /// Waits until something can be read from one of `fds`, or until `until`; false when nothing came.
 ///
-/// For `look` it stays awake and looks: what comes meanwhile costs no wake-up, which is most of the latency of a link
-/// within one machine. It gives way to nobody while it looks, because a yield of the processor to ordinary work lasts
-/// milliseconds; so `look` must be short.
+/// For `look` it polls without sleeping: data that arrive meanwhile cost no wake-up, which is most of the
+/// latency of a link within one machine. It does not yield while it polls, because a yield to ordinary
+/// processes lasts milliseconds; so `look` must be short.
 pub fn wait_for_bytes<'f>(fds: impl Iterator<Item = BorrowedFd<'f>>, until: Instant, look: Duration) -> bool {
     let mut fds: Vec<_> = fds.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)).collect();
     let now = Instant::now();
@@ -22,7 +22,7 @@ pub fn wait_for_bytes<'f>(fds: impl Iterator<Item = BorrowedFd<'f>>, until: Inst
         match poll(&mut fds, Some(&timeout)) {
             Ok(0) if looks => left = until.saturating_duration_since(Instant::now()),
             Ok(0) => return false,
-            // An interrupted wait is looked at as if something had come.
+            // An interrupted wait is treated as if something had arrived.
             _ => return true,
         }
     }

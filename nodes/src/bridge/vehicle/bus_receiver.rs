@@ -1,8 +1,8 @@
-//! What the bridge receives from the bus, on each of its two threads.
+//! Receives messages from the bus on each of the bridge's two threads.
 //!
-//! The thread of the measurements stays awake for the answer to the one that it has just published, which saves a fast
-//! controller the wake-up of another thread; the thread of the commands sleeps on the bus and takes what comes later. Both
-//! hear every message, and whoever is first takes it.
+//! The thread of the measurements polls for the answer to the measurement that it has just published, which
+//! saves a fast controller the wake-up of another thread; the thread of the commands sleeps on the bus and
+//! takes later messages. Both receive every message, and the first one processes it.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -16,14 +16,14 @@ use crate::error::NodeError;
 use crate::gate::Fault;
 use crate::ports::receive;
 
-/// Counts of what was not taken, by the thread of the commands, which hears all.
+/// Counters of unused messages, updated by the thread of the commands, which receives all.
 #[derive(Debug, Default)]
 pub(super) struct Counts {
     pub lost: AtomicU64,
     pub refused: AtomicU64,
 }
 
-/// The subscriptions of a thread.
+/// Subscriptions of one thread.
 pub(super) struct BusReceiver {
     reader: Reader,
     commands: Subscriber<Command>,
@@ -36,7 +36,7 @@ impl BusReceiver {
         Ok(Self { reader, commands: bus.subscriber(DEPTH)?, estimates: bus.subscriber(DEPTH)? })
     }
 
-    /// Takes in all that has come.
+    /// Receives all waiting messages.
     ///
     /// # Errors
     /// The transport fails.
@@ -77,11 +77,12 @@ fn apply(shared: &mut SharedVehicle, command: &Command) {
                 let count = command.count as usize;
                 shared.vehicle.command(&accepted.u[..count], now);
                 shared.flush();
-                // The answer to step 0 waits for a whole bench to get ready.
+                // The answer to step 0 includes the start of the whole bench, so that its latency does not
+                // count.
                 shared.latency = (awaited > 0).then(|| shared.published.elapsed());
             }
         }
-        // It is refused, and the controller is no longer believed.
+        // The command is refused, and the controller is no longer trusted.
         Err(Fault::NotFinite) => {
             shared.vehicle.command(&[f64::NAN], now);
             shared.flush();

@@ -1,4 +1,4 @@
-//! The thread that puts commands on the wire as they come, where the other is not awake for them.
+//! Thread that sends commands to the vehicle when they arrive, while the other thread is not polling.
 
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::sync_channel;
@@ -16,10 +16,10 @@ use crate::error::NodeError;
 use crate::os::StopFlag;
 use crate::setup::Setup;
 
-/// Longest sleep, after which the request to end is looked at.
+/// Longest sleep, after which the stop flag is checked.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
-/// The thread and its counts.
+/// The thread with its counters.
 pub(super) struct Commands {
     thread: Option<JoinHandle<Result<(), NodeError>>>,
     stop: StopFlag,
@@ -28,7 +28,7 @@ pub(super) struct Commands {
 }
 
 impl Commands {
-    /// Starts the thread; returns when it hears commands.
+    /// Starts the thread; returns when it receives commands.
     ///
     /// # Errors
     /// The bus cannot be opened.
@@ -40,7 +40,7 @@ impl Commands {
         let mut bus_config = Setup::bus_config(config, Role::Plant);
         bus_config.node = "plant-commands".into();
         for endpoint in &mut bus_config.zenoh.listen {
-            // The port that was asked for is that of the measurements.
+            // The configured port belongs to the thread of the measurements.
             if let Some((host, _)) = endpoint.rsplit_once(':') {
                 *endpoint = format!("{host}:0");
             }
@@ -82,25 +82,25 @@ impl Commands {
         &self.locators
     }
 
-    /// What it counts.
+    /// Counters of the thread.
     pub fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// Commands and estimates that were lost on the way.
+    /// Number of commands and estimates lost on the way.
     pub fn lost(&self) -> u64 {
         self.counts.lost.load(Ordering::Relaxed)
     }
 
-    /// Messages of another version.
+    /// Number of messages of another version.
     pub fn refused(&self) -> u64 {
         self.counts.refused.load(Ordering::Relaxed)
     }
 
-    /// Whether the thread is well.
+    /// Checks that the thread is still running without an error.
     ///
     /// # Errors
-    /// What ended it.
+    /// The error that ended the thread.
     pub fn check(&mut self) -> Result<(), NodeError> {
         match &self.thread {
             Some(thread) if thread.is_finished() && !self.stop.is_set() => self.join(),
@@ -121,7 +121,7 @@ impl Drop for Commands {
     fn drop(&mut self) {
         self.stop.set();
         if let Some(thread) = self.thread.take() {
-            // Its error was told by `check`, or does not matter at the end.
+            // Its error was returned by `check`, or is irrelevant at the end.
             let _ = thread.join();
         }
     }

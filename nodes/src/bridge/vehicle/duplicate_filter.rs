@@ -1,22 +1,23 @@
-//! Two threads read the same topics; the one that reads a message first takes it, and the other passes it over.
+//! Filter for two threads that read the same topics: the first to receive a message processes it, the other
+//! one skips it.
 
 use std::collections::VecDeque;
 
 use whirlstand_msgs::Head;
 
-/// Queue for commands and estimates; one of each is awaited at a time.
+/// Queue length for commands and estimates; one of each is awaited at a time.
 pub(super) const DEPTH: usize = 16;
 
-/// Which thread reads the bus.
+/// Thread that reads the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Reader {
-    /// That of the measurements.
+    /// Thread of the measurements.
     Measurements,
-    /// That of the commands.
+    /// Thread of the commands.
     Commands,
 }
 
-/// The messages that one of the two threads has received and the other has not: at most what a queue can hold.
+/// Messages that only one of the two threads has received so far: at most the length of a queue.
 #[derive(Debug)]
 pub(super) struct DuplicateFilter(VecDeque<(Reader, &'static str, u64, u64)>);
 
@@ -27,7 +28,7 @@ impl Default for DuplicateFilter {
 }
 
 impl DuplicateFilter {
-    /// Whether the other thread has not received this message yet.
+    /// True when the other thread has not received this message yet.
     pub(super) fn is_new(&mut self, reader: Reader, topic: &'static str, head: &Head) -> bool {
         let same =
             |h: &(Reader, &str, u64, u64)| h.0 != reader && (h.1, h.2, h.3) == (topic, head.seq, head.step);
@@ -58,7 +59,7 @@ mod tests {
         assert!(!news(Commands, "command", 0, 7));
         assert!(news(Commands, "command", 1, 8));
         assert!(!news(Measurements, "command", 1, 8));
-        // One that was sent twice is received twice by each.
+        // A message sent twice is received twice by each thread.
         assert!(news(Commands, "command", 1, 8) && news(Commands, "command", 1, 8));
         assert!(!news(Measurements, "command", 1, 8) && !news(Measurements, "command", 1, 8));
         assert!(news(Measurements, "command", 1, 8));
@@ -71,7 +72,7 @@ mod tests {
         for seq in 0..1000 {
             assert!(filter.is_new(Reader::Commands, "command", &head(seq)));
         }
-        // Its queue holds the newest.
+        // Its queue holds the newest messages.
         for seq in 1000 - DEPTH as u64..1000 {
             assert!(!filter.is_new(Reader::Measurements, "command", &head(seq)));
         }

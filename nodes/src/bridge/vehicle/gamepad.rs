@@ -10,10 +10,10 @@ use whirlstand_bridge::config::{BridgeConfig, PilotSource};
 use super::shared_vehicle::{SharedVehicle, lock};
 use crate::error::NodeError;
 
-/// Between two reports while nothing moves: a gamepad that is plugged in says nothing while it rests.
+/// Time between two reports without movement: a connected gamepad sends nothing at rest.
 const REPORT: Duration = Duration::from_millis(20);
 
-/// Starts the thread that listens to a gamepad, when the pilot has one.
+/// Starts the thread that reads a gamepad, when the pilot has one.
 ///
 /// # Errors
 /// The system has no gamepads.
@@ -26,7 +26,7 @@ pub(super) fn listen(bridge: &BridgeConfig, shared: Arc<Mutex<SharedVehicle>>) -
         action: "listen to gamepads",
         source: std::io::Error::other(reason),
     };
-    // The library's handle stays on the thread that made it.
+    // The library's handle stays on the thread that created it.
     let (ready, opened) = sync_channel(1);
     std::thread::Builder::new()
         .name("gamepad".into())
@@ -48,7 +48,8 @@ pub(super) fn listen(bridge: &BridgeConfig, shared: Arc<Mutex<SharedVehicle>>) -
     }
 }
 
-/// Tells the sticks for as long as the process lives. A gamepad that is gone is silent, and the pilot counts as lost.
+/// Reports the sticks for as long as the process lives. A disconnected gamepad is silent, and the pilot
+/// counts as lost.
 fn follow(mut gamepads: Gilrs, wanted: &str, shared: &Mutex<SharedVehicle>) {
     let mut known = None;
     loop {

@@ -1,4 +1,4 @@
-//! The links of a bridge to a vehicle.
+//! Links of a bridge to a vehicle.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -11,21 +11,21 @@ use super::shared_vehicle::{SharedVehicle, lock};
 use crate::error::NodeError;
 use crate::gate::Gate;
 
-/// The links, on the thread that receives.
+/// All links, owned by the receiving thread.
 pub(in crate::bridge) struct VehicleLinks {
     pub links: Vec<(Port, Link)>,
     buffer: Vec<u8>,
 }
 
 impl VehicleLinks {
-    /// The links that the options ask for.
+    /// The links of the options.
     ///
     /// # Errors
     /// An address cannot be read.
     pub fn new(config: &BridgeConfig) -> Result<Self, NodeError> {
         let options = &config.options;
         let mut links = Vec::new();
-        // A heartbeat comes once a second: one that is lost is no reason to believe somebody else.
+        // A heartbeat is sent once per second, and a single one may be lost without replacing the peer.
         let silence = Duration::from_secs_f64(options.safety.link_timeout_s);
         let mut add = |port, table: &str, key: &str, text: &str, pin| {
             configured(table, key, text, pin, silence).map(|link| links.push((port, link)))
@@ -61,29 +61,29 @@ impl VehicleLinks {
         Ok(Self { links, buffer: vec![0; BUFFER] })
     }
 
-    /// What of the vehicle is waited for before the first step, and where.
+    /// Text on which part of the vehicle is awaited before the first step, and on which link.
     pub fn awaited(&self) -> String {
         let link = self.links.iter().find(|(port, _)| *port == Port::Link);
         let place = link.map_or(String::new(), |(_, link)| format!(" on {}", link.address().place()));
         format!("the vehicle's attitude{place}")
     }
 
-    /// The vehicle as both threads share it, with the ways out over these links.
+    /// The vehicle with its sending links, shared by both threads.
     pub fn share(&self, vehicle: Vehicle, gate: Gate, origin: Instant) -> SharedVehicle {
         let senders = self.links.iter().map(|(port, link)| (*port, link.sender())).collect();
         SharedVehicle::new(vehicle, gate, senders, origin)
     }
 
-    /// Waits for bytes, for at most `limit`, or until a link that is down is to be tried again.
+    /// Waits for bytes, for at most `limit`, or until a closed link must be retried.
     pub fn wait(&self, limit: Duration) {
         let now = Instant::now();
         let retry = self.links.iter().filter_map(|(_, link)| link.retry_at());
         let left = retry.fold(limit, |left, at| left.min(at.saturating_duration_since(now)));
-        // Both outcomes mean the same: look again.
+        // Both outcomes lead to another poll.
         wait_for_bytes(self.links.iter().filter_map(|(_, link)| link.fd()), now + left, Duration::ZERO);
     }
 
-    /// Opens what is down, and takes in what came, up to a limit. Returns whether a new attitude came.
+    /// Opens closed links, and receives waiting bytes, up to a limit. Returns whether a new attitude arrived.
     pub fn turn(&mut self, shared: &Mutex<SharedVehicle>) -> bool {
         let mut fresh = false;
         let now = Instant::now();
@@ -117,17 +117,17 @@ impl VehicleLinks {
         fresh
     }
 
-    /// Datagrams and clients that were refused because of who sent them.
+    /// Number of datagrams and clients refused because of their sender.
     pub fn refused(&self) -> u64 {
         self.links.iter().map(|(_, link)| link.refused().sum()).sum()
     }
 }
 
-/// The vehicle behind one of its ports.
+/// Decoder of the vehicle's protocol on one of its ports.
 struct Protocol<'a> {
     shared: &'a Mutex<SharedVehicle>,
     port: Port,
-    /// A new attitude came.
+    /// True when a new attitude arrived.
     fresh: bool,
 }
 

@@ -1,10 +1,11 @@
-//! A real vehicle in the plant's place.
+//! A real vehicle that replaces the plant.
 //!
-//! Two threads: this one waits for bytes and deadlines, publishes the measurements and keeps the steps, and stays awake a
-//! little for the answer; the other waits for commands on the bus and puts those on the wire that come later. Between
-//! them is the [`SharedVehicle`], behind a lock that is held for microseconds. A command is sent at once: the period of latency that the law accounts for is spent on
-//! the way to the vehicle. What is late, early, repeated or not finite is refused by the same gate as in the
-//! simulated plant.
+//! There are two threads: this one waits for bytes and deadlines, publishes the measurements and counts the
+//! steps, and polls for the answer for a short time; the other waits for commands on the bus and sends later
+//! ones to the vehicle. They share the [`SharedVehicle`], whose lock is held for microseconds. A command is
+//! sent at once: the period of latency for which the law accounts is spent on the way to the vehicle.
+//! Commands that are late, early, repeated or not finite are refused by the same gate as in the simulated
+//! plant.
 
 mod bus_receiver;
 mod commands;
@@ -39,18 +40,18 @@ use links::VehicleLinks;
 pub use open::open_vehicle;
 use shared_vehicle::{SharedVehicle, lock};
 
-/// Longest sleep: a request to end that comes just before the sleep is noticed after it.
+/// Longest sleep: a stop request just before the sleep is noticed after it.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
-/// Longest time awake for the command that answers a measurement: that of a controller that computes fast costs no
-/// wake-up then. At most so much, because a node of high priority must not starve the controller that it waits for.
+/// Longest busy wait for the command that answers a measurement: a fast controller then costs no wake-up. It
+/// is short, because a node of high priority must not starve the controller for which it waits.
 const SPIN_TIME: Duration = Duration::from_micros(50);
 
-/// Repetition of an unanswered step 0.
+/// Repetition period of an unanswered step 0.
 const REPEAT: Duration = Duration::from_millis(200);
 
-/// With the vehicle's pace: part of a period before which no step follows another, and after which one is made
-/// without the vehicle.
+/// Shortest and longest time between two steps with the vehicle's pace, in periods: after the longest a step
+/// is made without an attitude.
 const SOONEST: f64 = 0.5;
 const LATEST: f64 = 1.5;
 
@@ -58,11 +59,11 @@ const LATEST: f64 = 1.5;
 enum Phase {
     /// Waiting for the other nodes and for the vehicle's attitude.
     Joining { until: Instant },
-    /// Step 0 is out, its command awaited.
+    /// Step 0 is published, its command awaited.
     Answering { until: Instant, repeat: Instant },
     /// In the loop.
     Looping,
-    /// The last step is out.
+    /// The last step is published.
     Ending { until: Instant },
 }
 
@@ -80,13 +81,13 @@ struct VehicleNode {
     period_ns: u64,
     steps: u64,
     start_timeout: Duration,
-    /// The step to do next.
+    /// Next step.
     step: u64,
     /// Deadline of that step by the clock.
     due: Instant,
-    /// When the last step was made.
+    /// Time of the last step.
     stepped: Instant,
-    /// Periods that this node was not running.
+    /// Number of periods in which this node was not running.
     overruns: u64,
     last_imu: Imu,
     reported_failsafe: bool,
@@ -95,10 +96,10 @@ struct VehicleNode {
     waits: WaitReport,
 }
 
-/// Runs the bridge in the plant's place until the last step, or until `stop` asks for the end.
+/// Runs the bridge in place of the plant until the last step, or until `stop` is set.
 ///
 /// # Errors
-/// [`NodeError`] for options that cannot be, nodes or a vehicle that do not come, or a transport that fails.
+/// [`NodeError`] for invalid options, nodes or a vehicle that do not appear, or a failed transport.
 pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) -> Result<Health, NodeError> {
     let setup = Setup::new(config)?;
     let vehicle = open_vehicle(config, bridge, &setup)?;
@@ -180,7 +181,7 @@ impl VehicleNode {
         }
     }
 
-    /// What is due by time alone: silence noticed, heartbeats, notes, health.
+    /// Time-dependent work: detects silence, sends heartbeats, notes, health.
     fn attend(&mut self, now: Instant) -> Result<(), NodeError> {
         let mut shared = lock(&self.shared);
         let at = shared.now();
@@ -264,7 +265,7 @@ impl VehicleNode {
         }
     }
 
-    /// Does step `self.step`.
+    /// Performs step `self.step`.
     fn advance(&mut self, now: Instant) -> Result<(), NodeError> {
         let head = Head { seq: 0, step: self.step, stamp_ns: self.step * self.period_ns };
         let (imu, odometry, sent) = {
@@ -293,7 +294,7 @@ impl VehicleNode {
         self.last_imu = imu;
         self.step += 1;
         self.stepped = now;
-        // A node that stood still does not catch up: the periods that it missed are misses.
+        // A node that was stopped does not catch up: missed periods count as misses.
         let late = now.saturating_duration_since(self.due).as_nanos() / u128::from(self.period_ns);
         let late = if self.pace == Pace::Clock { u32::try_from(late).unwrap_or(u32::MAX) } else { 0 };
         self.overruns += u64::from(late);
@@ -301,7 +302,7 @@ impl VehicleNode {
         Ok(())
     }
 
-    /// Stays awake for the command that answers the step that was just published.
+    /// Polls for the command that answers the step just published.
     fn await_command(&mut self) -> Result<(), NodeError> {
         let until = Instant::now() + SPIN_TIME.min(self.period / 20);
         loop {
@@ -353,7 +354,7 @@ impl VehicleNode {
         self.peers.turn(now)
     }
 
-    /// Leaves the vehicle at neutral.
+    /// Ends with the vehicle at neutral.
     fn end(&mut self) {
         let mut shared = lock(&self.shared);
         let now = shared.now();
@@ -381,7 +382,7 @@ fn tell_figures(f: &Figures, dropped: u64) {
     );
 }
 
-/// What is refused is a warning beside what is counted.
+/// Refused datagrams and clients are a warning besides the counters.
 fn tell_strangers(strangers: u64) {
     if strangers > 0 {
         tracing::warn!("{strangers} datagrams or clients that were not the other end's were refused");

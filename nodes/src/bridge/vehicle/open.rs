@@ -1,4 +1,4 @@
-//! The state machine of a bridge to a vehicle, from its options.
+//! Creates the state machine of a bridge to a vehicle from its options.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -16,7 +16,7 @@ use crate::setup::Setup;
 /// The state machine for a bench.
 ///
 /// # Errors
-/// [`NodeError::Config`] for options that cannot be, and a key file that cannot be read.
+/// [`NodeError::Config`] for invalid options, and a key file that cannot be read.
 pub fn open_vehicle(config: &NodeConfig, bridge: &BridgeConfig, setup: &Setup) -> Result<Vehicle, NodeError> {
     let signing = match bridge.options.mavlink.as_ref().and_then(|m| m.signing_key.as_ref()) {
         Some(path) => {

@@ -1,4 +1,4 @@
-//! What a bridge needs from outside: a key, a gamepad.
+//! External requirements of a bridge: a key, a gamepad.
 
 use whirlstand_bridge::mavlink::Key;
 
@@ -22,7 +22,7 @@ pub(super) fn read_key(path: &str) -> Result<Key, NodeError> {
     Ok(Key::from_text(text))
 }
 
-/// Says that this build has no gamepads, to a pilot who wants one.
+/// Refuses a pilot with a gamepad in a build without gamepad support.
 ///
 /// # Errors
 /// The pilot's stick is a gamepad.

@@ -1,4 +1,4 @@
-//! What of the vehicle the two threads of its bridge share.
+//! The vehicle as shared by the two threads of its bridge.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -9,24 +9,24 @@ use super::super::link::LinkSender;
 use super::duplicate_filter::DuplicateFilter;
 use crate::gate::Gate;
 
-/// The vehicle, the gate in front of it, and the way out.
+/// The vehicle, the command gate, and the sending links.
 pub(in crate::bridge) struct SharedVehicle {
     pub vehicle: Vehicle,
     pub gate: Gate,
-    /// The step whose command counts; `None` before step 0.
+    /// Step whose command is awaited; `None` before step 0.
     pub awaited: Option<u64>,
-    /// When that step was published.
+    /// Time at which that step was published.
     pub published: Instant,
-    /// How long the command of that step took.
+    /// Time until the command of that step arrived.
     pub latency: Option<Duration>,
-    /// Messages that one of the two threads has received.
+    /// Messages received by only one of the two threads.
     pub(super) received: DuplicateFilter,
     senders: Vec<(Port, LinkSender)>,
     origin: Instant,
 }
 
 impl SharedVehicle {
-    /// A vehicle of which no step was published; `origin` is the zero of its time.
+    /// A vehicle without a published step; `origin` is the zero of its time.
     pub(super) fn new(
         vehicle: Vehicle,
         gate: Gate,
@@ -45,12 +45,12 @@ impl SharedVehicle {
         }
     }
 
-    /// Time as the vehicle's state machine counts it.
+    /// Time of the vehicle's state machine.
     pub fn now(&self) -> Duration {
         self.origin.elapsed()
     }
 
-    /// Sends what waits to be sent.
+    /// Sends all waiting bytes.
     pub fn flush(&mut self) {
         for (port, sender) in &self.senders {
             let bytes = self.vehicle.output(*port);
@@ -61,7 +61,7 @@ impl SharedVehicle {
         }
     }
 
-    /// Messages to hardware that could not go out.
+    /// Number of messages to hardware that could not be sent.
     pub fn dropped(&self) -> u64 {
         self.senders.iter().filter(|(port, _)| *port != Port::Ground).map(|(_, s)| s.dropped()).sum()
     }

@@ -31,7 +31,7 @@ fn found(stage: FindingStage, at_s: f64, since_s: f64, factor: f64) -> Finding {
     finding
 }
 
-/// Turns from one time to another; what was said, and when.
+/// Advances from one time to another; returns the findings with their times.
 fn turn(laws: &mut Laws, from_s: f64, to_s: f64) -> Vec<(f64, FindingStage, f64)> {
     let steps = (from_s / 0.005).round() as u64..(to_s / 0.005).round() as u64;
     let said = steps.filter_map(|step| {
@@ -55,10 +55,10 @@ fn a_law_flies_once_its_cause_has_stood_and_comes_back_when_that_is_over() {
     laws.hear(&late(FindingStage::Wrong, 8.1, 0.0));
     assert!(turn(&mut laws, 8.1, 9.0).is_empty(), "nothing is known yet");
     laws.hear(&late(FindingStage::Named, 9.0, 0.2));
-    // Twice the second that it took to name it, and half a second to judge the law.
+    // Twice the second that it took to name it, and half a second for the evaluation.
     let said = turn(&mut laws, 9.0, 30.0);
     assert_eq!(said, [(10.5, FindingStage::Law, 0.2)]);
-    // Within what is known, the law stays.
+    // Within the interval, the law stays.
     laws.hear(&late(FindingStage::Revised, 30.0, 0.205));
     assert!(turn(&mut laws, 30.0, 50.0).is_empty());
     // Not sooner than ten seconds after the last change.

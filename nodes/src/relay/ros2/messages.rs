@@ -1,22 +1,22 @@
-//! The messages of ROS 2 that the relay speaks, with the frames of REP 103: x forward, y to the left, z up. Ours are those of
-//! flight: y to the right, and angles positive with the nose up and to the right.
+//! ROS 2 messages of the relay, in the frames of REP 103: x forward, y to the left, z up. The bench's own
+//! frames are those of flight: y to the right, and angles positive with the nose up and to the right.
 
 use byteorder::{BigEndian, LittleEndian};
 use cdr_encoding::{from_bytes, to_vec};
 use serde::{Deserialize, Serialize};
 use whirlstand_msgs as msgs;
 
-/// In front of CDR: plain, little-endian, no options.
+/// CDR header: plain, little-endian, no options.
 const LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
 
-/// Most bytes of a command: room for the layout's labels, and no invitation to send more.
+/// Largest command in bytes: enough for the layout's labels, as a limit against abuse.
 const LARGEST: usize = 4096;
 
-/// A type of ROS 2 as its middleware names it.
+/// A ROS 2 message type as named by its middleware.
 pub trait RosType {
     /// Name in the key expressions of `rmw_zenoh`.
     const NAME: &'static str;
-    /// Type hash (REP 2016), by which peers know that they mean the same layout.
+    /// Type hash (REP 2016), by which peers verify that they use the same layout.
     const HASH: &'static str;
 }
 
@@ -50,7 +50,7 @@ pub struct Time {
 impl Time {
     /// From nanoseconds since the Unix epoch.
     pub fn from_ns(ns: u64) -> Self {
-        // Seconds leave the message's range in 2038, as those of every ROS 2.
+        // Seconds exceed the message's range in 2038, as in all of ROS 2.
         Self { sec: (ns / 1_000_000_000) as i32, nanosec: (ns % 1_000_000_000) as u32 }
     }
 }
@@ -94,7 +94,7 @@ pub struct Imu {
 /// A 6 x 6 covariance, row after row.
 type Covariance = [[f64; 6]; 6];
 
-/// `nav_msgs/msg/Odometry`, its pose and twist with their covariances written out.
+/// `nav_msgs/msg/Odometry`, with the nested pose and twist and their covariances.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Odometry {
     pub header: Header,
@@ -138,13 +138,14 @@ struct Dimension {
     stride: u32,
 }
 
-/// Name of the frame in which the vehicle moves: where it started, as it was turned.
+/// Name of the frame in which the vehicle moves: its initial position and heading.
 const WORLD: &str = "odom";
 
-/// Name of the vehicle's own frame.
+/// Name of the body frame.
 const BODY: &str = "base_link";
 
-/// Orientation of the vehicle from its angles, which turn about the vertical, then the lateral, then the longitudinal axis.
+/// Orientation of the vehicle from its angles, as rotations about the vertical, then the lateral, then the
+/// longitudinal axis.
 fn orientation(imu: &msgs::Imu) -> Quaternion {
     let (roll, pitch, yaw) = (imu.roll / 2.0, -imu.pitch / 2.0, -imu.yaw / 2.0);
     let ((sr, cr), (sp, cp), (sy, cy)) = (roll.sin_cos(), pitch.sin_cos(), yaw.sin_cos());
@@ -160,10 +161,11 @@ fn rates(imu: &msgs::Imu) -> Vector3 {
     Vector3 { x: imu.roll_rate, y: -imu.pitch_rate, z: -imu.yaw_rate }
 }
 
-/// What is published of a step.
+/// Messages published for a step.
 pub fn of_step(imu: &msgs::Imu, odometry: &msgs::Odometry, stamp: Time) -> (Imu, Odometry, TfMessage) {
     let (orientation, angular) = (orientation(imu), rates(imu));
-    // An element of -1 says that there is no such measurement (sensor_msgs/msg/Imu); zeros, that it is as good as unknown.
+    // A first element of -1 means that there is no such measurement (sensor_msgs/msg/Imu); zeros mean an
+    // unknown covariance.
     let absent = std::array::from_fn(|i| if i == 0 { -1.0 } else { 0.0 });
     let inertial = Imu {
         header: Header { stamp, frame_id: BODY },
@@ -195,16 +197,16 @@ pub fn of_step(imu: &msgs::Imu, odometry: &msgs::Odometry, stamp: Time) -> (Imu,
     (inertial, moved, TfMessage { transforms: vec![transform] })
 }
 
-/// A message as `rmw_zenoh` puts it on the wire.
+/// Encodes a message as `rmw_zenoh` does.
 pub fn encode(message: &impl Serialize) -> Option<Vec<u8>> {
     let body = to_vec::<_, LittleEndian>(message).ok()?;
     Some([&LITTLE_ENDIAN[..], &body].concat())
 }
 
-/// The values of a command.
+/// Decodes the values of a command.
 ///
 /// # Errors
-/// What is wrong with the bytes, as the end of a sentence.
+/// The error of the bytes, as the end of a sentence.
 pub fn decode(bytes: &[u8]) -> Result<Vec<f64>, String> {
     if bytes.len() > LARGEST {
         return Err(format!("it has {} bytes, and at most {LARGEST} are taken", bytes.len()));

@@ -1,9 +1,9 @@
-//! A controller in ROS 2: what the vehicle does is published for it, and what it publishes flies the vehicle.
+//! Relay to a controller in ROS 2: the vehicle's state is published for it, and its commands fly the vehicle.
 //!
-//! The relay speaks Zenoh as `rmw_zenoh` does, so that the tools of ROS 2 find its topics. A command of ROS 2 says of no
-//! step that it belongs to it. In lockstep, and at step 0 always, the first that comes after a step was published answers
-//! it. In real time the newest one does, at once when it comes within [`ANSWER_SHARE`] of the period; after [`HELD_S`]
-//! without one, none does, upon which the plant goes to its failsafe.
+//! The relay speaks Zenoh as `rmw_zenoh` does, so that the tools of ROS 2 find its topics. A ROS 2 command
+//! does not name its step. In lockstep, and always at step 0, the first one that arrives after a step was
+//! published answers it. In real time the newest one does, at once when it arrives within [`ANSWER_SHARE`] of
+//! the period; after [`HELD_S`] without one there is no answer, and the plant goes to its failsafe.
 
 mod messages;
 mod names;
@@ -26,16 +26,17 @@ use crate::error::NodeError;
 use crate::os::{StopFlag, notify_ready};
 use crate::ports::receive;
 
-/// Share of the period for which a controller in real time is waited for; the rest is for the way of the command.
+/// Share of the period for which a controller in real time is waited for; the rest is for transmission of the
+/// command.
 const ANSWER_SHARE: f64 = 0.5;
 
-/// For how long a command of ROS 2 is held in real time, s.
+/// Longest time for which a ROS 2 command is held in real time, s.
 const HELD_S: f64 = 0.2;
 
-/// Time between two looks whether the end was asked for.
+/// Period of checks whether the end was requested.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Relays until the end is asked for.
+/// Relays until the end is requested.
 ///
 /// # Errors
 /// [`NodeError`] when the bus fails, or no session of Zenoh can be opened.
@@ -46,7 +47,7 @@ pub fn run_ros2(bus: &Bus, options: &Ros2Options, stop: &StopFlag) -> Result<(),
         source,
     })?;
     while !stop.is_set() {
-        // A step that waits for its answer comes again only when that was lost.
+        // A step that waits for its answer is repeated only when that was lost.
         let patience = if relay.open_step.is_some() { Duration::ZERO } else { LOOK };
         let mut next = None;
         bus.wait_until(Instant::now() + patience, || {
@@ -77,9 +78,9 @@ struct Relay<'a> {
     odometry: Odometry,
     answers: Option<Answers>,
     ros: Ros,
-    /// The step that has no answer yet.
+    /// The step without an answer so far.
     open_step: Option<Head>,
-    /// The newest command of ROS 2, and when it came.
+    /// The newest ROS 2 command, with its time of arrival.
     held: Option<(Vec<f64>, Instant)>,
     /// Wall-clock time of step 0, ns since the Unix epoch.
     epoch_ns: Option<u64>,
@@ -104,7 +105,7 @@ impl<'a> Relay<'a> {
         })
     }
 
-    /// Publishes a step, or answers one that was answered before.
+    /// Publishes a step, or repeats the answer of one that was answered before.
     fn take(&mut self, head: Head) -> Result<(), NodeError> {
         if let Some(answers) = &mut self.answers
             && let Some(command) = answers.of(head.step)
@@ -118,7 +119,7 @@ impl<'a> Relay<'a> {
         while let Some(odometry) = receive(&mut self.odometries, &mut self.damaged)? {
             self.odometry = odometry;
         }
-        // What came until now was meant for an earlier step.
+        // Commands that arrived earlier belong to an earlier step.
         while let Ok(command) = self.ros.commands.try_recv() {
             self.held = Some((command, Instant::now()));
         }
@@ -129,14 +130,16 @@ impl<'a> Relay<'a> {
         Ok(())
     }
 
-    /// Steps are stamped with wall-clock time, as the tools of ROS 2 expect it: that of step 0, and bench time from there.
+    /// Time stamp of a step in wall-clock time, as the tools of ROS 2 expect it: that of step 0 plus bench
+    /// time.
     fn stamp(&mut self, head: Head) -> Time {
         let now = || SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |t| t.as_nanos() as u64);
         let epoch_ns = *self.epoch_ns.get_or_insert_with(|| now().saturating_sub(head.stamp_ns));
         Time::from_ns(epoch_ns.saturating_add(head.stamp_ns))
     }
 
-    /// The command for a step; in lockstep, and at step 0, with which the clock starts, none until there is one.
+    /// The command for a step; in lockstep, and at step 0, with which the clock starts, none until one
+    /// arrives.
     fn command(&mut self, head: Head) -> Option<Command> {
         let realtime = self.options.mode == Mode::Realtime && head.step > 0;
         let window = if realtime { self.options.period.mul_f64(ANSWER_SHARE) } else { LOOK };

@@ -1,16 +1,16 @@
-//! How `rmw_zenoh` names what is published: key expressions, liveliness tokens, attachments.
+//! Names of published topics in `rmw_zenoh`: key expressions, liveliness tokens, attachments.
 //!
 //! Source: the design document and code of <https://github.com/ros2/rmw_zenoh> (`docs/design.md`,
-//! `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`), and for attachments those of version 0.2.4 on, whose three fields have
-//! no names.
+//! `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`), and for attachments those of version 0.2.4 on, whose
+//! three fields have no names.
 
 use super::messages::RosType;
 
-/// Quality of service of all topics here, as a token has it: every part as rmw_zenoh's default (reliable, volatile, the last
-/// 10 kept).
+/// Quality of service of all topics, in the token's format: every part is rmw_zenoh's default (reliable,
+/// volatile, the last 10 kept).
 const QOS: &str = "::,:,:,:,,";
 
-/// The node of ROS 2 that the relay is.
+/// ROS 2 node of the relay.
 #[derive(Debug, Clone)]
 pub struct RosNode {
     /// Number of the domain (`ROS_DOMAIN_ID`).
@@ -21,14 +21,14 @@ pub struct RosNode {
     pub name: String,
 }
 
-/// What a token stands for.
+/// Entity described by a liveliness token.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Entity {
     Publisher,
     Subscription,
 }
 
-/// Slashes may not stand within a part of a token.
+/// Replaces slashes, which are not allowed within a part of a token.
 fn mangled(text: &str) -> String {
     text.replace('/', "%")
 }
@@ -68,12 +68,13 @@ impl RosNode {
     }
 }
 
-/// What tells publishers apart: the hash of the token, XXH3 with 128 bits, its lower half first.
+/// Global identifier of a publisher: the hash of the token, XXH3 with 128 bits, its lower half first.
 pub fn gid(token: &str) -> [u8; 16] {
     twox_hash::XxHash3_128::oneshot(token.as_bytes()).to_le_bytes()
 }
 
-/// What travels beside a message: its number, when it was published (Unix, ns), and by whom, in Zenoh's serialisation.
+/// Attachment of a message: its number, its publication time (Unix, ns), and its publisher, in Zenoh's
+/// serialisation.
 pub fn attachment(number: i64, time_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     [&number.to_le_bytes()[..], &time_ns.to_le_bytes(), &[gid.len() as u8], &gid].concat()
 }

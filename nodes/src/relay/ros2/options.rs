@@ -1,23 +1,23 @@
-//! What the relay to ROS 2 must be told.
+//! Options of the relay to ROS 2.
 
 use std::time::Duration;
 
 use super::names::RosNode;
 use crate::config::Mode;
 
-/// What the relay must know of its bench, and of the ROS 2 that it joins.
+/// Options of the relay: its bench, and the ROS 2 network that it joins.
 #[derive(Debug, Clone)]
 pub struct Ros2Options {
-    /// What sets the pace of the loop.
+    /// Pace of the loop.
     pub mode: Mode,
     /// Period of the loop.
     pub period: Duration,
-    /// The relay flies the vehicle; otherwise it only publishes.
+    /// True when the relay flies the vehicle; otherwise it only publishes.
     pub controls: bool,
-    /// The node that it is in ROS 2.
+    /// Its node in ROS 2.
     pub node: RosNode,
-    /// Zenoh endpoints that it connects to.
+    /// Zenoh endpoints to connect to.
     pub connect: Vec<String>,
-    /// Zenoh endpoints that it listens on.
+    /// Zenoh endpoints to listen on.
     pub listen: Vec<String>,
 }

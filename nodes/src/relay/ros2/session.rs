@@ -1,4 +1,4 @@
-//! The relay's session with ROS 2: what is declared and published there, and the commands that come.
+//! The relay's ROS 2 session: declarations, published messages, and received commands.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -16,7 +16,7 @@ use super::options::Ros2Options;
 use crate::config::Mode;
 use crate::error::NodeError;
 
-/// Commands that wait for the relay; more are dropped, for the newest would be too late anyway.
+/// Largest number of waiting commands; further ones are dropped, as they would be too late anyway.
 const WAITING: usize = 64;
 
 /// A publisher of one topic.
@@ -27,7 +27,7 @@ struct Topic {
     _token: LivelinessToken,
 }
 
-/// The session.
+/// The relay's ROS 2 session.
 pub(super) struct Ros {
     imu: Topic,
     odometry: Topic,
@@ -42,9 +42,10 @@ fn failed(action: &'static str, error: impl std::fmt::Display) -> NodeError {
     NodeError::System { action, source: std::io::Error::other(error.to_string()) }
 }
 
-/// As the sessions of `rmw_zenoh` are: a peer that finds others through the router that it connects to.
+/// Configuration as for `rmw_zenoh` sessions: a peer that finds others through the router to which it
+/// connects.
 fn configuration(options: &Ros2Options) -> Result<zenoh::Config, NodeError> {
-    // As the bus has it: in lockstep nothing gets lost to a peer that is slow for a moment, in real time nobody waits.
+    // As on the bus: in lockstep no message is lost to a temporarily slow peer, in real time no sender waits.
     let congestion = match options.mode {
         Mode::Lockstep => WaitStrategy::lockstep(),
         Mode::Realtime => WaitStrategy::realtime(),
@@ -84,7 +85,7 @@ impl Ros {
     }
 
     pub(super) fn publish(&mut self, imu: &Imu, odometry: &Odometry, tf: &TfMessage) {
-        // The one that a controller answers comes last, so that it has all of the step by then.
+        // The message that a controller answers is sent last, so that it has the whole step by then.
         self.tf.put(tf);
         self.odometry.put(odometry);
         self.imu.put(imu);
@@ -122,7 +123,7 @@ fn subscribe(
     let port = session
         .declare_subscriber(options.node.key::<Float64MultiArray>(&name))
         .callback(move |sample| match decode(&sample.payload().to_bytes()) {
-            // A full queue is one that nobody empties: the bench has ended.
+            // A full queue is not read any more: the bench has ended.
             Ok(values) => drop(sender.try_send(values)),
             Err(why) if !told.swap(true, std::sync::atomic::Ordering::Relaxed) => {
                 tracing::warn!("a command of ROS 2 cannot be used: {why}");
@@ -137,7 +138,7 @@ fn subscribe(
 }
 
 impl Topic {
-    /// A link that is down or slow is Zenoh's affair: messages are dropped, and the next one is tried.
+    /// A closed or slow link is handled by Zenoh: messages are dropped, and the next one is tried.
     fn put(&mut self, message: &impl Serialize) {
         let Some(bytes) = encode(message) else { return };
         self.number += 1;

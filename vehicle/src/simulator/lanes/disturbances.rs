@@ -1,4 +1,4 @@
-//! What is added to the derivatives of several vehicles side by side.
+//! Disturbances of several vehicles simulated side by side.
 
 #![expect(clippy::needless_range_loop, reason = "a loop over lanes indexes several rows alike")]
 
@@ -10,14 +10,14 @@ use crate::simulator::disturbances::Disturbances;
 /// The disturbances of K vehicles.
 #[derive(Debug, Clone)]
 pub struct DisturbanceLanes<const K: usize> {
-    /// Steps from which on something else is held, ascending, and which of them comes next.
+    /// Steps at which the held values change, ascending, and the index of the next one.
     events: Vec<u64>,
     next: usize,
     held: Vec<[f64; K]>,
     turbulence: Vec<TurbulenceLanes<K>>,
-    /// What acts at the beginning of the present step.
+    /// Disturbances at the beginning of the current step.
     pub acting: Vec<[f64; K]>,
-    /// Anything acts in any vehicle.
+    /// True when a disturbance acts on any vehicle.
     pub any: bool,
 }
 
@@ -31,8 +31,8 @@ struct TurbulenceLanes<const K: usize> {
 }
 
 impl<const K: usize> DisturbanceLanes<K> {
-    /// Those of K vehicles; `None` where turbulence acts on other states in one than in another, for periodic ones
-    /// and for those that act for a part of the time.
+    /// Disturbances of K vehicles; `None` where turbulence acts on different states, for periodic ones and
+    /// for those with a time window.
     pub fn new(singles: &[Simulator]) -> Option<Self> {
         let all = || singles.iter().map(|single| &single.disturbances);
         let of = |d: &Disturbances| d.turbulence.iter().map(|(state, ..)| *state).collect::<Vec<_>>();
@@ -50,7 +50,7 @@ impl<const K: usize> DisturbanceLanes<K> {
                 normals: NormalLanes::new((0..K).map(|l| one(l).normals.clone()).collect()),
             }
         });
-        // What begins inside a step is held from the next one on.
+        // A disturbance that begins inside a step is constant from the next one on.
         let mut events: Vec<u64> =
             all().flat_map(Disturbances::events).flat_map(|(step, _)| [step, step + 1]).collect();
         events.sort_unstable();
@@ -89,7 +89,7 @@ impl<const K: usize> DisturbanceLanes<K> {
         }
     }
 
-    /// Goes on to step `step`.
+    /// Advances to step `step`.
     #[inline(always)]
     pub fn advance(&mut self, singles: &[Simulator], step: u64) {
         let mut changed = !self.turbulence.is_empty();
@@ -111,7 +111,7 @@ impl<const K: usize> DisturbanceLanes<K> {
         }
     }
 
-    /// Tells one vehicle's own disturbances what its turbulence is now.
+    /// Copies the current turbulence to a single vehicle's disturbances.
     pub fn tell(&self, single: &mut Simulator, lane: usize) {
         for ((_, own, _), t) in single.disturbances.turbulence.iter_mut().zip(&self.turbulence) {
             own.value = t.value[lane];

@@ -1,7 +1,8 @@
-//! Several vehicles in motion side by side, to the last bit as each alone.
+//! Several vehicles simulated side by side, bit-identical to single simulations.
 //!
-//! Where all that differs between them are numbers, a step is one product over vector registers; where one has what that does
-//! not know (a delay, a nonlinear effect, a mode transition, a rate limit), all are simulated one after the other.
+//! Where they differ only in numbers, a step is one product over vector registers; where one has an effect
+//! that this does not support (a delay, a nonlinear effect, a mode transition, a rate limit), all are
+//! simulated one after the other.
 
 mod disturbances;
 mod normals;
@@ -13,7 +14,7 @@ use super::Simulator;
 use spread::spread;
 use together::Together;
 
-/// K vehicles with the same signals in motion side by side, each as a [`Simulator`] of its own.
+/// K vehicles with the same signals simulated side by side, each equivalent to its own [`Simulator`].
 #[derive(Debug, Clone)]
 pub struct SimulatorLanes<const K: usize>(Kind<K>);
 
@@ -23,7 +24,7 @@ enum Kind<const K: usize> {
     Apart(Box<Apart<K>>),
 }
 
-/// One after the other.
+/// Vehicles simulated one after the other.
 #[derive(Debug, Clone)]
 struct Apart<const K: usize> {
     singles: Vec<Simulator>,
@@ -36,8 +37,8 @@ struct Apart<const K: usize> {
 }
 
 impl<const K: usize> SimulatorLanes<K> {
-    /// All vehicles where `singles` are: at the same step, with the same engine, of the same period. `None` where these are not
-    /// K, or do not have as many signals that are measured at the same steps.
+    /// Vehicles in the states of `singles`, which must be at the same step, with the same engine and period.
+    /// `None` unless there are K of them with the same number of signals measured at the same steps.
     pub fn new(singles: Vec<Simulator>) -> Option<Self> {
         let first = singles.first()?;
         let every = |s: &Simulator| s.sensors.sensors.iter().map(|s| s.every).collect::<Vec<_>>();
@@ -55,12 +56,12 @@ impl<const K: usize> SimulatorLanes<K> {
         }))
     }
 
-    /// Whether they are simulated in vector registers.
+    /// True when they are simulated in vector registers.
     pub fn are_together(&self) -> bool {
         matches!(self.0, Kind::Together(_))
     }
 
-    /// As [`Simulator::apply`].
+    /// Applies commands as [`Simulator::apply`].
     #[inline(always)]
     pub fn apply(&mut self, u: &[[f64; K]]) {
         match &mut self.0 {
@@ -69,7 +70,7 @@ impl<const K: usize> SimulatorLanes<K> {
         }
     }
 
-    /// As [`Simulator::measure`]: the outputs.
+    /// Measured outputs, as [`Simulator::measure`].
     #[inline(always)]
     pub fn measure(&mut self) -> &[[f64; K]] {
         match &mut self.0 {
@@ -87,7 +88,7 @@ impl<const K: usize> SimulatorLanes<K> {
         }
     }
 
-    /// As [`Simulator::advance`].
+    /// Advances as [`Simulator::advance`].
     #[inline(always)]
     pub fn advance(&mut self) {
         match &mut self.0 {
@@ -114,7 +115,7 @@ impl<const K: usize> SimulatorLanes<K> {
         }
     }
 
-    /// As [`Simulator::disturbance`].
+    /// Disturbances as [`Simulator::disturbance`].
     #[inline(always)]
     pub fn disturbance(&self) -> &[[f64; K]] {
         match &self.0 {
@@ -123,7 +124,7 @@ impl<const K: usize> SimulatorLanes<K> {
         }
     }
 
-    /// Which vehicles have a state, or a filter behind the states, that is no number or beyond any bound that has a meaning.
+    /// True for each vehicle with a state, or a filter state, that is NaN or has diverged.
     #[inline(always)]
     pub fn lost(&self) -> [bool; K] {
         match &self.0 {

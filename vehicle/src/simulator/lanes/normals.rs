@@ -2,7 +2,7 @@
 
 use crate::normals::{BLOCK, Normals};
 
-/// The same numbers as each stream gives alone.
+/// Normal deviates identical to those of each stream alone.
 #[derive(Debug, Clone)]
 pub struct NormalLanes<const K: usize> {
     streams: Vec<Normals>,
@@ -11,7 +11,7 @@ pub struct NormalLanes<const K: usize> {
 }
 
 impl<const K: usize> NormalLanes<K> {
-    /// What K streams have left.
+    /// The remaining deviates of K streams.
     pub fn new(streams: Vec<Normals>) -> Self {
         Self { streams, block: vec![[0.0; K]; BLOCK], next: BLOCK }
     }

@@ -1,4 +1,4 @@
-//! What the sensors of several vehicles report, side by side.
+//! Sensors of several vehicles simulated side by side.
 
 #![expect(clippy::needless_range_loop, reason = "a loop over lanes indexes several rows alike")]
 
@@ -7,7 +7,7 @@ use crate::model::Engine;
 use crate::simulator::Simulator;
 use crate::simulator::sensor::{EngineTone, Sensor, phase, quantize};
 
-/// Terms of a row: which entry, and its coefficient in every vehicle.
+/// Terms of a row: index of the entry, and its coefficient in every vehicle.
 type Terms<const K: usize> = Vec<(usize, [f64; K])>;
 
 /// The sensors of K vehicles.
@@ -33,10 +33,10 @@ struct Lanes<const K: usize> {
     reports: Reports<K>,
 }
 
-/// From the motion to what is reported.
+/// Sensor model from the motion to the reported value.
 #[derive(Debug, Clone)]
 enum Reports<const K: usize> {
-    /// As the vehicle file declares it, with scale, offset and drift.
+    /// The sensor of the vehicle file, with scale, offset and drift.
     Declared {
         gain: [f64; K],
         offset: [f64; K],
@@ -45,12 +45,12 @@ enum Reports<const K: usize> {
         noise: Vec<([f64; K], NormalLanes<K>)>,
         rounding: Vec<[f64; K]>,
     },
-    /// With other effects: one vehicle after the other.
+    /// Sensors with other effects: evaluated one vehicle after the other.
     OneByOne(Vec<Sensor>),
 }
 
 impl<const K: usize> SensorLanes<K> {
-    /// Those of K vehicles; `None` where one looks back in time or is turned, or has other vibrations than another.
+    /// Sensors of K vehicles; `None` where one has a delay or misalignment, or the vibrations differ.
     pub fn new(singles: &[Simulator]) -> Option<Self> {
         let first = &singles[0].sensors;
         let other = |s: &Simulator| {
@@ -102,7 +102,7 @@ impl<const K: usize> SensorLanes<K> {
 }
 
 impl<const K: usize> Lanes<K> {
-    /// `None` where the sensors do not look at the same entries, or their tones and kinds of noise are not the same.
+    /// `None` where the sensors do not measure the same entries, or their tones and kinds of noise differ.
     fn new(singles: Vec<&Sensor>) -> Option<Self> {
         let first = *singles.first()?;
         let terms = |row: fn(&Sensor) -> &Vec<(usize, f64)>| -> Option<Terms<K>> {
@@ -143,11 +143,11 @@ impl<const K: usize> Lanes<K> {
         Some(Self { z, v, every: first.every, due: first.due, reports })
     }
 
-    /// As [`crate::simulator::compile::Row::value`].
+    /// Value of the motion, as [`crate::simulator::compile::Row::value`].
     #[inline(always)]
     fn motion(&self, z: &[[f64; K]], v: &[[f64; K]]) -> [f64; K] {
         let dot = |terms: &Terms<K>, x: &[[f64; K]]| {
-            // What a sum begins with.
+            // Initial value of a sum.
             let mut sum = [std::iter::empty::<f64>().sum(); K];
             for (i, c) in terms {
                 let x = &x[*i];

@@ -1,11 +1,11 @@
-//! Vehicles whose motion is one matrix product a step.
+//! Vehicles simulated by one matrix product per step.
 
 use super::disturbances::DisturbanceLanes;
 use super::sensors::SensorLanes;
 use super::spread::spread;
 use crate::simulator::{Dynamics, LARGEST, Simulator};
 
-/// K such vehicles.
+/// K vehicles simulated by one matrix product per step.
 #[derive(Debug, Clone)]
 pub struct Together<const K: usize> {
     pub n: usize,
@@ -13,21 +13,21 @@ pub struct Together<const K: usize> {
     pub step: u64,
     pub z: Vec<[f64; K]>,
     next: Vec<[f64; K]>,
-    /// The commands in force, then what is added to the derivatives.
+    /// Commands in force, then disturbances of the derivatives.
     pub drive: Vec<[f64; K]>,
     /// Phi and Gamma, row after row.
     rows: Vec<[f64; K]>,
     limits: Vec<[[f64; K]; 2]>,
-    /// Steps in which something begins or ends, and in which vehicle: descending.
+    /// Steps in which a disturbance begins or ends, with the index of the vehicle: descending.
     special: Vec<(u64, usize)>,
     pub disturbances: DisturbanceLanes<K>,
     pub sensors: SensorLanes<K>,
-    /// For the special steps.
+    /// Single simulators for the special steps.
     singles: Vec<Simulator>,
 }
 
 impl<const K: usize> Together<K> {
-    /// `None` where one is more than that, or has other sensors than another.
+    /// `None` where one needs more than a matrix product, or the sensors differ in kind.
     pub fn new(singles: &[Simulator]) -> Option<Self> {
         let first = &singles[0];
         if singles.iter().any(|s| s.lost.is_some() || s.limits.iter().any(|limit| limit.rate.is_some())) {
@@ -115,7 +115,7 @@ impl<const K: usize> Together<K> {
         self.disturbances.advance(&self.singles, self.step);
     }
 
-    /// A step of one vehicle in which something begins or ends.
+    /// Advances one vehicle over a step in which a disturbance begins or ends.
     #[inline(never)]
     fn advance_alone(&mut self, lane: usize) {
         let single = &mut self.singles[lane];
