@@ -144,7 +144,7 @@ fn a_pinned_address_refuses_all_others() -> Outcome {
     vehicle.signal(libc::SIGTERM);
     vehicle.finish().success();
     assert_eq!(ended.code(), 1, "{}", ended.stderr);
-    assert!(ended.stderr.contains("is refused: only 127.0.0.2 is believed here"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("is refused: only 127.0.0.2 is accepted here"), "{}", ended.stderr);
     let seen = json(place.dir.path().join("vehicle.json"));
     assert_eq!(seen["seen"], serde_json::json!({}), "it was never spoken to");
     // And one that can never come is a mistake in the file.
