@@ -29,8 +29,8 @@ fn adjusts_and_listens(transport: &str) {
     let dir = tempfile::tempdir().unwrap();
     let name = unique(&format!("in-flight-{transport}"));
     let mut bench = flight(&name, transport, dir.path().to_str().expect("utf-8 path"), &OPEN);
-    let line = bench.wait_for_stderr("accepts gusts, engine");
-    assert!(line.starts_with(&format!("bench {name} over {transport} accepts")), "{line}");
+    let line = bench.wait_for_stderr("open to gusts, engine");
+    assert!(line.starts_with(&format!("bench {name} over {transport}: open to")), "{line}");
     all_ready(&mut bench, ["plant", "estimator", "controller"]);
 
     let set = run(["set", &name, "setpoint.roll=5deg", "gain=1.5", "engine=on"]).success();
@@ -87,7 +87,7 @@ fn a_bench_that_is_not_open_says_what_would_open_it_whoever_asks() {
     let dir = tempfile::tempdir().unwrap();
     let name = unique("in-flight-closed");
     let mut bench = flight(&name, "iceoryx2", dir.path().to_str().expect("utf-8 path"), &[]);
-    bench.wait_for_stderr(&format!("bench {name} over iceoryx2 accepts nothing from outside"));
+    bench.wait_for_stderr(&format!("bench {name} over iceoryx2: closed to"));
     all_ready(&mut bench, ["plant", "estimator", "controller"]);
     for (call, key) in [
         (["inject", &name, "roll_rate=1deg/s^2"], "plant.inject=true"),

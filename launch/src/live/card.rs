@@ -17,9 +17,6 @@ use crate::keys::{configuration, write_private};
 
 const FILE: &str = "bench.json";
 
-/// What is said of the setting that opens a bench, where there is room for it.
-const OPENS: &str = " enables them";
-
 /// A running bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BenchCard {
@@ -64,7 +61,7 @@ impl BenchCard {
         let closed = |bridged: Option<&str>, role: Role, is_open: bool, key: &str| match bridged {
             Some(why) => Some(why.to_string()),
             None if is_foreign(role) => Some(format!("the {role} is an external program")),
-            None if !is_open => Some(format!("--set {key}=true{OPENS}")),
+            None if !is_open => Some(format!("--set {key}=true enables them")),
             None => None,
         };
         let vehicle = is_vehicle.then_some("the plant is a real vehicle");
@@ -198,21 +195,21 @@ impl BenchCard {
         path.and_then(|path| std::fs::read_to_string(path).ok())
     }
 
-    /// "bench lab over iceoryx2 takes ...", for whoever starts it.
+    /// "bench lab over iceoryx2: open to ...", for whoever starts it.
     pub fn line(&self) -> String {
         let plant = ("gusts, engine", "inject, adjust", &self.plant_closed);
         let controller = ("setpoints, gain, stick", "pilot, adjust, stick", &self.controller_closed);
         let (open, closed): (Vec<_>, Vec<_>) =
             [plant, controller].into_iter().partition(|(_, _, closed)| closed.is_none());
         let open: Vec<_> = open.iter().map(|(what, topics, _)| format!("{what} (topics {topics})")).collect();
-        let closed = closed.iter().map(|(what, _, why)| {
-            let why = why.as_deref().unwrap_or_default();
-            format!("{what}: {}", why.strip_suffix(OPENS).unwrap_or(why))
-        });
-        let closed = closed.collect::<Vec<_>>().join("; ");
-        let open = if open.is_empty() { "nothing from outside".into() } else { open.join(" and ") };
-        let closed = if closed.is_empty() { String::new() } else { format!(" ({closed})") };
-        format!("bench {} over {} accepts {open}{closed}", self.bench, self.transport)
+        let closed: Vec<_> = closed
+            .iter()
+            .map(|(what, _, why)| format!("{what} ({})", why.as_deref().unwrap_or_default()))
+            .collect();
+        let all = [("open to ", open), ("closed to ", closed)];
+        let all = all.iter().filter(|(_, what)| !what.is_empty());
+        let all: Vec<_> = all.map(|(how, what)| format!("{how}{}", what.join(" and "))).collect();
+        format!("bench {} over {}: {}", self.bench, self.transport, all.join("; "))
     }
 }
 
@@ -232,13 +229,13 @@ mod tests {
         let closed = card("quadrotor", &[]);
         assert_eq!(
             closed.line(),
-            "bench lab over iceoryx2 accepts nothing from outside (gusts, engine: --set plant.inject=true; setpoints, gain, \
-             stick: --set controller.pilot=true)"
+            "bench lab over iceoryx2: closed to gusts, engine (--set plant.inject=true enables them) and setpoints, gain, \
+             stick (--set controller.pilot=true enables them)"
         );
         let open = card("quadrotor", &["plant.inject=true", "controller.pilot=true"]);
         assert_eq!(
             open.line(),
-            "bench lab over iceoryx2 accepts gusts, engine (topics inject, adjust) and setpoints, gain, stick (topics pilot, \
+            "bench lab over iceoryx2: open to gusts, engine (topics inject, adjust) and setpoints, gain, stick (topics pilot, \
              adjust, stick)"
         );
         let px4 = card("quadrotor-px4", &["plant.inject=true", "controller.pilot=true"]);
