@@ -20,7 +20,7 @@ pub struct ReturnRatio {
     pub period_s: f64,
 }
 
-/// Margins of one input's loop, the other loops closed. An absent value is infinite.
+/// Margins of one input's loop, the other loops closed. A value is absent where there is no such limit.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct LoopMargins {
     /// Smallest factor above one on the loop gain at which stability is lost.
@@ -103,7 +103,7 @@ impl ReturnRatio {
         }
     }
 
-    /// Frequencies from far below the slowest pole to the Nyquist frequency, rad/s.
+    /// Frequencies from a millionth of the Nyquist frequency to the Nyquist frequency, rad/s.
     fn grid(&self) -> Vec<f64> {
         const COUNT: usize = 1200;
         let top = std::f64::consts::PI / self.period_s;

@@ -171,7 +171,7 @@ impl SampledModel {
         })
     }
 
-    /// The same motion with every input delay reduced by `periods` whole periods, which it must exceed.
+    /// The same motion with every input delay reduced by `periods` whole periods; no delay may be shorter.
     ///
     /// # Errors
     /// [`DiscretiseError`] when an unstable mode is too fast for the period.

@@ -32,8 +32,8 @@ pub fn default_scales(
         }
     }
     let largest = reach.iter().copied().filter(|r| r.is_finite()).fold(0.0, f64::max);
-    // An uncontrollable state has the scale of the controllable ones: its own response is zero, and dividing
-    // by it would leave only rounding of the others.
+    // A state that the inputs hardly move has the largest scale of the others: its own response is
+    // practically zero, and dividing by it would leave only rounding of the others.
     let sized = |r: f64| match r {
         _ if largest == 0.0 => 1.0,
         r if r < 1e-6 * largest => largest,

@@ -20,7 +20,7 @@ pub(crate) const GAP_STEPS: f64 = whirlstand_logs::LONGEST_BRIDGED;
 /// Share of the fastest time constant for which commands may be unknown: their response meanwhile is at most
 /// that share of the final response.
 pub(crate) const BRIDGED_TIME_CONSTANT_SHARE: f64 = 0.1;
-/// Longest bridged gap for an integrating vehicle, as a share of the record. Calibrated.
+/// Share of the record for which the commands of an integrating vehicle may be unknown. Calibrated.
 pub(crate) const BRIDGED_RECORD_SHARE: f64 = 0.01;
 /// Fewest steps of a part between two gaps that counts: those that likelihoods leave out, and as many again.
 pub(crate) const MIN_PART_STEPS: usize = 2 * MAX_AR_ORDER;
@@ -61,7 +61,7 @@ pub(crate) const RARE_REPEAT: f64 = 0.05;
 pub(crate) const NEIGHBOURS: usize = 4;
 /// Fewest outliers of a channel. Calibrated.
 pub(crate) const MIN_OUTLIERS: usize = 3;
-/// A single outlier counts if it exceeds the limit this many times. Calibrated.
+/// Fewer than [`MIN_OUTLIERS`] outliers count only if each exceeds the limit by this factor. Calibrated.
 pub(crate) const OUTLIER_SIZE_RATIO: f64 = 1.5;
 /// Degrees of freedom tried for heavy-tailed noise. Cost.
 pub(crate) const STUDENT_DEGREES: [f64; 8] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0];
@@ -103,7 +103,7 @@ pub(crate) const DECLARED_NOISE_LOG_STD: f64 = std::f64::consts::LN_2;
 pub(crate) const FIT_TOLERANCE: f64 = 0.02;
 /// Levenberg-Marquardt steps tried from one point, each with ten times the damping of the last. Cost.
 pub(crate) const MAX_DAMPED_STEPS: usize = 6;
-/// A run that exceeds the largest measured value this many times has diverged: nonlinear effects far out cost
+/// A run that exceeds the largest measured value by this factor has diverged: nonlinear effects far out cost
 /// thousands of steps each. Cost.
 pub(crate) const DIVERGED_RATIO: f64 = 1e3;
 /// Perturbation of a state for a sensitivity. Forward difference of a response that is linear in the initial
@@ -200,7 +200,8 @@ pub(crate) const FITTED_BEHIND_SHARE: f64 = 0.25;
 pub(crate) const FITTED_NEAR_BIC: f64 = 15.0;
 /// Largest score of a transition whose time is still far off. Cost.
 pub(crate) const DISTANT_TRANSITION_SCORE: f64 = 100.0;
-/// Gain in BIC of the first few steps below which a fit has no chance of being accepted. Cost.
+/// Gain in BIC estimated in the survey, below which a candidate is not fitted, as it has no chance of being
+/// accepted. Cost.
 pub(crate) const HOPELESS_BIC: f64 = -20.0;
 /// Candidates of each score test whose noise model is refitted before the choice of those to be fitted. Cost.
 pub(crate) const PROFILED: usize = 40;
@@ -256,7 +257,7 @@ pub(crate) const SLOW_TURNS: usize = 6;
 pub(crate) const HALF_WAVES: usize = 4;
 /// Highest frequency of a modulated stiffness or gain that is searched for, Hz. Calibrated.
 pub(crate) const FASTEST_MODULATION_HZ: f64 = 2.0;
-/// Largest number of cycles of such a modulation over the record. Cost.
+/// Largest number of cycles of a modulated stiffness or gain over the record. Cost.
 pub(crate) const MAX_MODULATION_TURNS: usize = 64;
 /// Thresholds of the switch, as shares of a state's largest magnitude. Cost.
 pub(crate) const RELAY_THRESHOLDS: [f64; 5] = [0.02, 0.05, 0.1, 0.2, 0.4];
@@ -333,8 +334,8 @@ pub(crate) const EXCESS_NOISE_RATIO: f64 = 2.0;
 pub(crate) const TURBULENCE_PASSES: usize = 2;
 /// Ratio below which two sizes of turbulence are the same. Calibrated.
 pub(crate) const SETTLED_SIZE_RATIO: f64 = 1.3;
-/// Correlation of turbulence with a command, in standard deviations of chance, from which it is not
-/// turbulence. Two-sided Gaussian tail of 5e-4.
+/// Correlation of turbulence with a command or an output, in standard deviations of chance, from which it is
+/// not turbulence. Two-sided Gaussian tail of 5e-4.
 pub(crate) const RELATED_SIGMAS: f64 = 3.5;
 /// Share of turbulence's gain from which a force that follows a signal replaces it: the force has few
 /// parameters, turbulence one value per step. Calibrated.
@@ -347,7 +348,7 @@ pub(crate) const LINE_REACH: f64 = 0.006;
 pub(crate) const SURROUNDINGS_REACH: f64 = 0.03;
 /// Standard deviations by which an envelope is steadier than that of noise. One-sided Gaussian tail of 1e-3.
 pub(crate) const STEADY_SIGMAS: f64 = 3.1;
-/// Smallest ratio of a line to the floor. Calibrated.
+/// Smallest ratio of a line's peak density to the floor. Calibrated.
 pub(crate) const LINE_HEIGHT: f64 = 15.0;
 /// Smallest share of the residual's power of a line that is named. Calibrated.
 pub(crate) const LINE_RESIDUAL_SHARE: f64 = 0.005;

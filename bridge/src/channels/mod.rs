@@ -23,7 +23,7 @@ const POSSIBLE_US: std::ops::RangeInclusive<f64> = 800.0..=2200.0;
 /// The channel that arms a vehicle behind an RC transmitter, from 0; the first four are sticks.
 const ARM: usize = 4;
 
-/// Pulse of a switch that is off, us.
+/// Pulse of a switch that is off, and of one that is on, us.
 const LOW_US: f64 = 1000.0;
 const HIGH_US: f64 = 2000.0;
 
@@ -271,7 +271,7 @@ impl Mapping {
                 // A flying vehicle needs its throttle even when the controller has failed.
                 (_, Source::Stick(axis)) => pilot.map_or(limit.neutral, |p| p.axis_us(axis)),
                 (_, Source::Pilot(channel)) => pilot.map_or(limit.neutral, |p| p.channel_us(channel)),
-                // In flight it stays on until the pilot switches it off.
+                // After a failure it stays on only while the pilot's arm switch is on.
                 (Mode::Failed(_), Source::Arm) if !pilot.is_some_and(Pilot::arm) => limit.neutral,
                 (_, Source::Arm) => limit.upper,
                 (_, Source::Fixed) => m.trim_us,

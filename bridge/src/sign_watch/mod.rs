@@ -182,8 +182,8 @@ impl SignWatch {
     fn judge(&mut self, filters: &[(usize, Filter)], sure: f64) {
         let most = filters.iter().fold(f64::NEG_INFINITY, |most, (_, f)| most.max(f.log_likelihood()));
         for axis in (0..3).filter(|axis| self.steered[*axis]) {
-            // Probabilities of the gain: reversed, not reversed, correct, and below that of a correct
-            // vehicle, reversed.
+            // Probabilities of the gain: within that of a reversed vehicle, outside of it, above the smallest
+            // correct one, and below the negative of that.
             let [mut turned, mut otherwise, mut right, mut against] = [0.0; 4];
             for (_, filter) in filters {
                 let weight = (filter.log_likelihood() - most).exp();

@@ -134,7 +134,7 @@ fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>)
     let mut initial: Vec<f64> = given.scales.iter().map(|s| 10.0 * s).collect();
     for z in motion..linear.a.nrows() {
         let shown = (0..linear.c.nrows()).find(|i| linear.c[(*i, z)] != 0.0);
-        // The scale of a lag of a lag is that of the first lag's signal.
+        // A lag that no output shows, such as a lag of a lag: the largest scale of all.
         initial.push(shown.map_or_else(
             || 10.0 * given.scales.iter().copied().fold(0.0, f64::max),
             |i| {

@@ -13,7 +13,7 @@ use crate::sampled_plant::SampledPlant;
 pub fn shown_at_rest(linear: &LinearModel) -> DMatrix<f64> {
     let (own, first, size) = (linear.own, linear.own + linear.actuators, linear.a.nrows());
     let mut c = linear.c.clone();
-    // A lag may follow another lag, but only one with a smaller index.
+    // A lag may follow another lag: as many passes as there are lags resolve any chain.
     for _ in first..size {
         for z in first..size {
             let through = c.column(z).into_owned();

@@ -26,7 +26,7 @@ pub(crate) fn turbulence(
     noise: &[f64],
 ) -> Option<EvidenceCurve> {
     let residual = &findings.residual.selection.fit.residual;
-    // The bandwidth of the unknown force is fitted to the residual; the residual's noise shows as the floor
+    // How fast the unknown force changes is estimated from the residual itself; its noise shows as the floor
     // of the spectrum.
     let traced = reconstruct(vehicle, data, Entry::State(found.state), &vec![0.0; noise.len()], &[residual])?;
     let spectrum = welch(&traced[0], data.period_s);
@@ -132,7 +132,7 @@ pub(crate) fn samples(effect: &SampleEffect, data: &Data, vehicle: &Vehicle) -> 
     let from = (0..=n - around).step_by((around / 4).max(1)).max_by_key(|from| count(*from))?;
     let mut part = from..from + around;
     if effect.kind == Kind::Quantization {
-        // Faulty samples are easiest to see in the window with the smallest range.
+        // Rounding steps are easiest to see in the window with the smallest range.
         let spread = |from: usize| {
             let (low, high) = ends(&channel.values[from..from + around / 4]);
             high - low

@@ -57,7 +57,7 @@ pub struct Score {
 
 /// A model that was fitted to the first part of a record.
 struct Trained {
-    /// One-step predictions of the record's own predictor.
+    /// Predictions of the record's own predictor: a free run, or a filter that follows the record.
     own: Vec<f64>,
     /// Predictions over the horizon; NaN where there is none.
     ahead: Vec<f64>,

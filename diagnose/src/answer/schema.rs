@@ -351,9 +351,9 @@ pub struct EvidenceCurve {
     pub logarithmic: bool,
     /// Single samples of the record, thinned; empty where the lines suffice.
     pub cloud: Points,
-    /// Line that the record shows, averaged. NaN is a gap.
+    /// Line that the record shows as a whole. NaN is a gap.
     pub measured: Points,
-    /// Line that the cause predicts, averaged in the same way.
+    /// Line that the cause predicts, computed in the same way.
     pub explained: Points,
     /// Line of the given vehicle, without the cause.
     pub without: Points,

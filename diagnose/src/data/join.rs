@@ -46,7 +46,7 @@ impl Data {
     }
 
     /// Appends another record, without as many of its first steps as align most sensors with their sampling
-    /// steps; samples of the other sensors are dropped.
+    /// steps; samples of the other sensors do not count.
     fn append(&mut self, mut other: Self) {
         self.channels.retain(|c| other.channels.iter().any(|o| o.output == c.output && o.stride == c.stride));
         other.channels.retain(|o| self.channels.iter().any(|c| o.output == c.output && o.stride == c.stride));

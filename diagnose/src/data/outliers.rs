@@ -93,8 +93,8 @@ fn student(values: &[f64]) -> f64 {
 }
 
 /// Finds outliers in a residual (all channels), and excludes them. In a channel that is `known` to round,
-/// clip or repeat its values, coloured noise can make its residual look like outliers: there, only clear ones
-/// count.
+/// clip or repeat its values, the remaining errors of these effects look like outliers to a model of coloured
+/// noise: there, only several values far from their neighbours count.
 pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Vec<SampleEffect> {
     let ranges = data.ranges();
     let mut found = Vec::new();
@@ -159,7 +159,7 @@ pub fn still_wild(samples: &mut Vec<SampleEffect>, data: &Data, good: Vec<Vec<bo
     samples.retain(|e| e.kind != Kind::Outliers || again.iter().any(|a| a.channel == e.channel));
 }
 
-/// Values farther from the median of their neighbours than `least`.
+/// Values far from the median of their neighbours, by more than `least`, whatever the colour of the noise.
 fn far(r: &[f64], good: &[bool], least: f64) -> Wild {
     // Distance of a value from its neighbours, and scatter of the neighbours.
     let (away, scatter): (Vec<f64>, Vec<f64>) = (0..r.len())

@@ -314,8 +314,9 @@ impl<'d> FreeRun<'d> {
     }
 
     /// Predictions of all samples over a horizon of `horizon` steps: each starts from the state that the
-    /// record shows up to its start, and starts are a quarter of the horizon apart. Before the first horizon
-    /// has passed they start from the initial state.
+    /// record shows up to its start, and starts are a quarter of the horizon apart, so that a sample is
+    /// predicted over at least three quarters of it. Before the first horizon has passed they start from the
+    /// initial state.
     ///
     /// # Errors
     /// When a run diverges.

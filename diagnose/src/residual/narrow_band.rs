@@ -105,7 +105,7 @@ fn lines(residual: &[f64], period_s: f64, lowest_hz: f64) -> Vec<NarrowBand> {
         if height < LINE_HEIGHT * floor || share < LINE_RESIDUAL_SHARE {
             return None;
         }
-        // Number of independent averages: bins of the whole record's spectrum.
+        // Number of independent averages per bin: bins of the whole record's spectrum within its width.
         let averages = residual.len() as f64 * period_s * df;
         let gain = line.iter().map(|(_, d)| 2.0 * averages * (d / floor - 1.0 - (d / floor).ln()).max(0.0));
         let spread = line.iter().map(|(g, d)| (g - f).powi(2) * above(*d)).sum::<f64>() * df / power;

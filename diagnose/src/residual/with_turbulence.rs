@@ -21,9 +21,9 @@ use crate::search::select::select;
 use crate::search::selection::Selection;
 use whirlstand_logs::stats::{mean, rms};
 
-/// The causes with turbulence beside them, where that is more likely than `selection` alone; else
-/// `selection`. Also a force that follows a signal, where it is more likely than turbulence, with its gain
-/// over the causes.
+/// The causes with turbulence beside them, where that is more likely than `selection` alone; else `None`, and
+/// `selection` stands. Also a force that follows a signal, where it is more likely than turbulence, with its
+/// gain over the causes.
 pub(crate) fn with_turbulence<'r, 'd>(
     selection: &Selection<'r, 'd>,
     model: &Model<'r, 'd>,

@@ -87,7 +87,7 @@ pub(super) struct Factor {
 }
 
 /// The most likely common factor of the `members` beside the `weights`; `None` where the likelihood has no
-/// maximum.
+/// maximum in the range searched.
 ///
 /// Its interval covers both chance and a misfit of the vehicle: estimates with whitened and with unwhitened
 /// noise weigh frequencies differently, and agree where the vehicle is correct (Hausman 1978).

@@ -93,7 +93,8 @@ pub fn foresight(vehicle: &Vehicle, data: &Data, from: usize, all: bool) -> Fore
     found
 }
 
-/// Removes channels from `contradicted` whose predictions improve with the commands.
+/// Counts open channels whose predictions improve with the commands as predicted, and removes them from
+/// `contradicted`.
 fn ask_the_commands(
     vehicle: &Vehicle,
     data: &Data,

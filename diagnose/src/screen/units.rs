@@ -181,7 +181,8 @@ fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
 }
 
 /// True when only the unit explains the factor: its interval contains the unit's ratio, and hardly any factor
-/// of physical faults. In addition, the gains of the vehicle file may be wrong by `room`.
+/// of physical faults. Where no physical factor lies in the interval, the gains of the vehicle file may also
+/// be wrong by `room`.
 fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool, room: f64) -> bool {
     let (low, high) = (factor.log - factor.half, factor.log + factor.half);
     let (weakest, strongest) = strengths(factor, input);

@@ -15,7 +15,7 @@ pub fn single(data: &Data) -> bool {
 pub fn simpler(kind: Kind, explained: f64, data: &Data) -> Option<(Kind, f64)> {
     let same = match (single(data), data.memory_s) {
         // The two differ only in how process noise propagates, and the gain of a predictor that follows the
-        // record contains neither.
+        // record does not depend on that.
         (true, Some(_)) => f64::INFINITY,
         (true, None) => SISO_SAME_BIC.max(SISO_SAME_SHARE * explained),
         (false, _) => SAME_EFFECT_BIC,

@@ -17,7 +17,7 @@ use crate::search::survey::survey;
 use crate::search::survey_cache::SurveyCache;
 
 /// Searches for causes, beginning with the given terms; under one noise model for all channels, when one is
-/// given. Free parameters keep the vehicle's values.
+/// given. Free parameters start from the vehicle's values.
 ///
 /// # Errors
 /// When the vehicle cannot be simulated over the record.
@@ -84,8 +84,8 @@ impl Search<'_, '_, '_> {
         }
     }
 
-    /// The first alternative that passes; those before it are refused. Candidates that are not determined and
-    /// mask others leave the library.
+    /// The first alternative that passes; all others are refused. Candidates that are not determined and mask
+    /// others leave the library.
     fn best(&mut self, alternatives: Vec<Alternative>, library: &mut Vec<Candidate>) -> Option<Alternative> {
         let left = self.hypotheses.saturating_sub(self.model.terms.len()).max(1);
         let mut overshadowing = f64::NEG_INFINITY;
@@ -96,8 +96,8 @@ impl Search<'_, '_, '_> {
                 continue;
             }
             let decision = decide(&self.model, &self.fit, &alternative, left);
-            // A candidate that explains less than a refused one is not credible either. Exceptions: a gust
-            // explains a part of anything, and an undetermined candidate explains nothing for certain.
+            // A candidate that explains much less than a refused one is not credible either. Exceptions: a
+            // gust explains a part of anything, and an undetermined candidate explains nothing for certain.
             if !is_event(&alternative.candidate) && !matches!(decision, Decision::Undetermined(_)) {
                 overshadowing = overshadowing.max(alternative.delta_bic);
             }

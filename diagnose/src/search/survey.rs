@@ -140,12 +140,12 @@ struct Glance {
     /// Possible gain in BIC: a few steps from a start may end far from the gain that the score predicts,
     /// which counts until the candidate is fitted.
     promise: f64,
-    /// Gain in BIC reached so far.
+    /// Gain in BIC that is certain: for a linear effect the possible gain, else the gain reached so far.
     sure: f64,
 }
 
 /// Fits the most likely candidates: the first ones by a few steps, then to the optimum those whose possible
-/// gain is as large as the best.
+/// gain is close to the best gain.
 fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, Vec<f64>)], watch: &Watch) {
     let glance = |(i, (t, start)): (usize, &(Alternative, Vec<f64>))| {
         let glance = fitted_with(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
@@ -275,8 +275,8 @@ fn profiled(
     Some(fit.profile.bic(0) - profile.bic(candidate.tunables.len()))
 }
 
-/// Time at which a transition has the largest gain in BIC, and that gain: all starts, then a search by
-/// bisection, as a gradient-based fit would stay at the nearest local maximum.
+/// Time at which a transition has the largest gain in BIC, and that gain: all starts, then a search with
+/// halved steps, as a gradient-based fit would stay at the nearest local maximum.
 fn located(
     model: &Model<'_, '_>,
     fit: &Fit,

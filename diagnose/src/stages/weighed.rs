@@ -43,7 +43,8 @@ impl Weighed {
     }
 }
 
-/// True when an output is predicted no better than by its mean, though its declared noise would allow it.
+/// True when an output is predicted no better than by its mean, though its declared noise would allow a
+/// better prediction.
 fn is_poor(o: &OutputGain) -> bool {
     let lost = o.rmse_after.is_none() && o.horizon_fit_after.is_some();
     let undeclared = o.noise_model_share.is_some();

@@ -1,6 +1,6 @@
 //! Thresholds of the screening before the search: wrong units, and records of another vehicle.
 
-/// Frequent unit errors: degrees in a radian, m/s^2 in a g, thousandths, km/h in a m/s. Definition.
+/// Ratios of frequent unit errors: degrees in a radian, m/s^2 in a g, thousandths, km/h in a m/s. Definition.
 pub(crate) const UNIT_RATIOS: [f64; 4] = [180.0 / std::f64::consts::PI, 9.80665, 1000.0, 3.6];
 /// Largest number of wrong units in one record. Cost.
 pub(crate) const MAX_WRONG_UNITS: usize = 4;
@@ -10,7 +10,7 @@ pub(crate) const GREATEST_PHYSICAL_FACTOR: f64 = 2.0;
 /// Range of factors of inputs and sensors searched for as faults: well beyond physical factors, so that a
 /// gross mistake of the file is still named. Definition.
 pub(crate) const SEARCHED_FACTORS: std::ops::RangeInclusive<f64> = -5.0..=20.0;
-/// Relative error of a vehicle file's gains, in their logarithm: with a Cramer-Rao bound above 20 % a
+/// Possible error of a vehicle file's gains, in their logarithm: with a Cramer-Rao bound above 20 % a
 /// parameter is not kept (Tischler and Remple 2012, section 11.2).
 pub(crate) const VEHICLE_GAIN_ERROR: f64 = 0.2;
 /// Largest share of all physical factors that an interval may contain for a unit error to be reported: if all

@@ -32,7 +32,7 @@ pub struct Linear<'p> {
     sensing: Vec<f64>,
     /// Parameters in C and D: parameter, output, index in [x; u].
     sensing_slopes: Vec<(usize, usize, usize)>,
-    /// Number of parameters, then of noise parameters.
+    /// Number of parameters, including those of the noise model.
     parameters: usize,
     /// Padded number of sensitivities of the state: parameters and initial state.
     padded: usize,

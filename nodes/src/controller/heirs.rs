@@ -35,7 +35,7 @@ struct Coming {
 struct Heirs {
     findings: Subscriber<Finding>,
     draftsman: Draftsman,
-    /// Number of the law being designed, and the step from which it is waited for in lockstep.
+    /// Step from which the law being designed is waited for in lockstep; `None` while none is designed.
     ordered: Option<u64>,
     coming: Option<Coming>,
     /// The first law, while another is in charge.

@@ -160,7 +160,8 @@ impl Px4 {
             return false;
         }
         let armed = controls.mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
-        // A rebooted board was silent, has a young clock and is not armed; a replay after a silence is not.
+        // A rebooted board was silent, has a young clock and is not armed; a replayed flight after a silence
+        // is armed.
         let rebooted = |(last, at): (u64, Duration)| {
             !armed && now.saturating_sub(at) > REBOOT && last.saturating_sub(controls.time_usec) > REBOOT_US
         };
