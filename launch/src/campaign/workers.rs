@@ -63,10 +63,11 @@ pub(super) fn fly_all(
     Ok(flown)
 }
 
-/// The stopping rule on the width of the interval.
+/// The stopping rule: the campaign ends when the confidence interval of the share of failed flights is at
+/// most `width` wide.
 struct Width {
     width: f64,
-    /// Flights up to the first missing number, and how many of them violated a limit.
+    /// Flights up to the first missing number, and how many of them failed.
     seen: u64,
     broken: u64,
     next: u64,
