@@ -41,8 +41,8 @@ pub(crate) const INTERRUPTED: u8 = 130;
 /// Exit code of a command whose budget of time was spent and that reported its results so far.
 pub(crate) const PARTIAL: u8 = 3;
 
-/// Prints text on standard output, with escapes if that is a terminal. A reader that has closed the pipe (`|
-/// head`) is no failure.
+/// Prints text on standard output, with escapes if that is a terminal. A reader that has closed the pipe
+/// (`| head`) is no failure.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
     write_out(&crate::style::rendered(text))
 }
