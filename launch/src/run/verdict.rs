@@ -117,7 +117,8 @@ fn last_words(figures: &RunSummary) -> Vec<&FindingEvent> {
     last.into_values().collect()
 }
 
-/// The response of the outputs that a disturbance moved most, in multiples of their sensors' resolution band.
+/// Text on the outputs that a disturbance moved most, relative to their recovery band: peak and recovery
+/// time.
 fn response(figures: &RunSummary, at_s: f64) -> String {
     let mut moved: Vec<_> = figures
         .outputs
