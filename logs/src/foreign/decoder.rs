@@ -57,7 +57,8 @@ impl Decoder {
 fn descriptor(topic: &Topic) -> Result<MessageDescriptor, String> {
     let damaged = |e: &dyn std::fmt::Display| format!("its protobuf descriptors are damaged: {e}");
     let files = FileDescriptorSet::decode(topic.schema.as_slice()).map_err(|e| damaged(&e))?;
-    // The pool would index a file that it rejected, in order to report another syntax.
+    // The syntax is checked here, because the pool would index a file that it has not kept to report another
+    // one.
     let known = |syntax: &str| matches!(syntax, "proto2" | "proto3");
     if let Some(syntax) = files.file.iter().filter_map(|file| file.syntax.as_deref()).find(|s| !known(s)) {
         return Err(format!("its protobuf descriptors have syntax '{syntax}': proto2 or proto3 is expected"));
