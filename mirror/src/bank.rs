@@ -41,7 +41,7 @@ pub struct Alarm {
     pub output: usize,
     /// Kind of change.
     pub change: Change,
-    /// The step after which the sum was positive: the most likely onset of the change.
+    /// First step after the sum was last zero: the most likely onset of the change.
     pub since: u64,
 }
 
