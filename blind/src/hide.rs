@@ -1,4 +1,4 @@
-//! What is hidden in an experiment, and how large: effects are sized for a detectability.
+//! Hides effects in an experiment, with sizes chosen for a given detectability.
 
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
@@ -20,11 +20,11 @@ pub(crate) struct HiddenTruth {
     pub outside: Option<OutOfLibraryEffect>,
     /// Detectability of each.
     pub lambdas: Vec<f64>,
-    /// For an effect outside the table: the one of the table that is most like it, and how much.
+    /// For an effect outside the table: the most similar effect of the table, and their similarity.
     pub nearest: Option<(String, f64)>,
 }
 
-/// An effect outside the table is drawn anew when one of the table is as like it as this.
+/// Similarity to an effect of the table from which an effect outside the table is drawn anew.
 const TOO_SIMILAR: f64 = 0.9;
 
 impl HiddenTruth {
@@ -68,7 +68,7 @@ impl HiddenTruth {
     }
 }
 
-/// Values that a rounded channel shows, at least: with fewer it is a switch, or stands still.
+/// Least number of values of a rounded channel: with fewer it acts as a switch, or stands still.
 const LEVELS: usize = 4;
 
 /// Whether a rounded channel of a record still moves from level to level.
@@ -278,7 +278,7 @@ fn joint_detectability(
     Ok(Some([own(one, two)?, own(two, one)?]))
 }
 
-/// Whether an effect touches samples one by one.
+/// Whether an effect scatters single samples.
 fn scatters(effect: &Effect) -> bool {
     matches!(effect.kind(), Kind::Noise | Kind::Quantization | Kind::Dropouts | Kind::Outliers)
 }

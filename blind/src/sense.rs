@@ -1,4 +1,4 @@
-//! From the motion to the record: what sensors add, round, limit, lose and spoil.
+//! Sensor model: noise, rounding, limits, dropouts and outliers, from the motion to the record.
 
 use std::f64::consts::TAU;
 

@@ -18,8 +18,8 @@ use crate::predictor::Predictor;
 use crate::replay::{REACH_S, Trial, predictor};
 use crate::verdict::{Answer, Fit, LIKELIEST, Standing, ranking};
 
-/// Candidates whose onset is searched as well: those whose distance to the best, in log-likelihood and as a share,
-/// is at most this.
+/// Candidates whose onset is searched as well: those whose distance in score to the best is less than the greater
+/// of this log-likelihood and this share of the best score.
 const NEAR: (f64, f64) = (15.0, 0.2);
 const MOST_NEAR: usize = 16;
 
