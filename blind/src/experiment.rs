@@ -109,7 +109,7 @@ impl Experiment {
         let start = (0..nominal.vehicle.states.len())
             .map(|_| if moving { ranges.vehicles.start_spread * stream.normal() } else { 0.0 })
             .collect();
-        // No draw where there is nothing to choose: the reference's trials stay what they are.
+        // Nothing is drawn where there is no choice, so that the reference generator's trials stay the same.
         let dryden = ranges.effects.dryden > 0.0 && stream.chance(ranges.effects.dryden);
         let spectrum = if dryden { Spectrum::Dryden } else { Spectrum::FirstOrder };
         let mut experiment = Self {
@@ -154,7 +154,7 @@ impl Experiment {
                 vehicle.name
             ))
         })?;
-        // Noise as an effect is more than what is declared: there it must be.
+        // Noise as an effect is noise beyond the declared one, so there it must be declared.
         let noise_declared =
             plan.effects.contains(&Kind::Noise) || RandomStream::new(plan.number, "declared").chance(0.5);
         if !noise_declared {
@@ -202,7 +202,7 @@ impl Experiment {
         }
     }
 
-    /// The experiment with larger or smaller commands; false when they may not change that far.
+    /// Scales the commands by `factor` within their limits; false when they hardly change.
     pub fn rescale(&mut self, factor: f64) -> bool {
         let Some(share) = self.share else { return false };
         let (least, most) = self.ranges.excitation.share_limits;
@@ -232,7 +232,7 @@ impl Experiment {
         self.sensed(hidden, Some(&noise))
     }
 
-    /// The record without anything random or rounded.
+    /// The record without random parts and rounding.
     pub fn expected(
         &self,
         effects: &[Effect],

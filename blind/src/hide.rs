@@ -28,8 +28,8 @@ pub(crate) struct HiddenTruth {
 const TOO_SIMILAR: f64 = 0.9;
 
 impl HiddenTruth {
-    /// The same as a law flies it: with what is hidden, it gives other commands than without. `None` where the record then
-    /// no longer shows what it should.
+    /// The experiment as a law flies it: with the hidden effects, the law gives other commands than without.
+    /// `None` where the record then no longer shows them.
     pub fn flown(mut self) -> Result<Option<Self>, BlindError> {
         // A relay keeps its side from one period to the next, which a chain of single periods does not.
         let relay = self.outside.as_ref().is_some_and(|o| o.kind == OutOfLibrary::InputRelay);
@@ -119,7 +119,7 @@ fn fit(
     unreachable!("the loop ends by its own rounds")
 }
 
-/// Detectability of an effect by what it changes.
+/// Detectability of an effect from its change of the record.
 fn detectability(kind: Kind, detector: &Detector, change: Vec<f64>) -> f64 {
     if kind == Kind::Turbulence { detector.random(change) } else { lambda(&detector.signature(change)) }
 }
@@ -248,7 +248,7 @@ pub(crate) fn pair(
     Ok(None)
 }
 
-/// Detectability of each of two effects beside the other; `None` where one masks the other.
+/// Detectability of each of two effects in the presence of the other; `None` where one masks the other.
 fn joint_detectability(
     experiment: &Experiment,
     baseline: &Baseline,

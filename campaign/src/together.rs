@@ -71,7 +71,8 @@ pub(crate) fn key(effect: &str, place: &str, parameter: &str) -> String {
     format!("{effect}({place}).{parameter}")
 }
 
-/// Groups of keys that `correlation` connects, by their numbers.
+/// A joint quantity of these keys; `correlation` gives the correlation of two different keys by their
+/// indices.
 pub(crate) fn together(
     keys: Vec<String>,
     each: Vec<Spread>,
