@@ -99,7 +99,7 @@ pub(crate) struct TruthModel {
     pub inputs: Vec<Signal>,
     /// Signals added to the derivatives of states: index of the state and signal.
     pub pushes: Vec<(usize, Signal)>,
-    /// Couplings: from state or input, onto index, and coefficient.
+    /// Couplings of inputs: index of the source, index of the target, and coefficient.
     pub couplings: Vec<(usize, usize, f64)>,
     pub filters: Vec<Filter>,
     pub forces: Vec<Force>,
