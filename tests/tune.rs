@@ -187,7 +187,7 @@ fn figure_12_from_a_flight_by_hand_is_held_level() {
         &["lqr/flutter", "input_delay"],
     );
     std::fs::write(out.join("cells.jsonl"), "{}\n").unwrap();
-    refused(&["bench", "tune", "--table", "--out", text(&out)], &["cells.jsonl, line 1", "flown again"]);
+    refused(&["bench", "tune", "--table", "--out", text(&out)], &["cells.jsonl, line 1", "to fly it again"]);
 }
 
 /// One cell with every node a process of its own: what is judged is what the logs say.

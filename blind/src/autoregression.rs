@@ -1,4 +1,4 @@
-//! Stationary autoregressive noise of higher order: predicted from what came before, exactly from its first sample on.
+//! Stationary autoregressive noise of higher order, with exact prediction from the first sample on.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ const ORDER: usize = 4;
 pub(crate) struct Autoregression {
     /// Coefficients of each predictor, the youngest value first.
     predictors: [[f64; ORDER]; ORDER + 1],
-    /// Variance of what each leaves.
+    /// Prediction error variance of each predictor.
     variances: [f64; ORDER + 1],
 }
 
@@ -41,7 +41,8 @@ impl Autoregression {
         Self { predictors, variances }
     }
 
-    /// What to expect at sample `k`, the youngest value first in `past`, and the standard deviation of what is new.
+    /// Prediction for sample `k`, with the latest value first in `past`, and the standard deviation of the
+    /// innovation.
     fn predict(&self, k: usize, past: &[f64; ORDER]) -> (f64, f64) {
         let order = k.min(ORDER);
         let expected = self.predictors[order].iter().zip(past).map(|(a, x)| a * x).sum();
@@ -60,7 +61,8 @@ impl Autoregression {
         (0..samples).map(&mut next).collect()
     }
 
-    /// What is new in each value of noise of standard deviation `std`, over its own standard deviation; in place.
+    /// Replaces each value of noise of standard deviation `std` by its innovation, divided by the innovation's
+    /// own standard deviation.
     pub fn whiten<'a>(&self, signal: impl Iterator<Item = &'a mut f64>, std: f64) {
         let mut past = [0.0; ORDER];
         for (k, x) in signal.enumerate() {

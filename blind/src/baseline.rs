@@ -1,4 +1,4 @@
-//! The record of an experiment in which nothing is hidden: what an effect changes is the difference from it.
+//! The record of an experiment without hidden effects, with which the records with effects are compared.
 
 use whirlstand_vehicle::{Effect, Kind};
 
@@ -25,12 +25,12 @@ impl Baseline {
         })
     }
 
-    /// What the difference of two records tells.
+    /// The difference of two records, whitened and without what the base model can imitate.
     pub fn signature(&self, with: &[f64], without: &[f64]) -> Vec<f64> {
         self.detector.signature(difference(with, without))
     }
 
-    /// A detector that counts the scatter of the effect `other` as measurement noise.
+    /// A detector that treats the scatter of the effect `other` as measurement noise.
     pub fn detector_with_noise_of(&self, experiment: &Experiment, other: &Effect) -> Detector {
         let vehicle = &experiment.nominal.vehicle;
         let mut noise = experiment.noise.clone();
@@ -45,7 +45,7 @@ impl Baseline {
         Detector::new(vehicle, &noise, &experiment.x0, &experiment.commands)
     }
 
-    /// Whether a record stays near what the clean one does: an effect is no crash.
+    /// Whether a record stays near the clean one: an effect must not crash the vehicle.
     pub fn bounded(&self, record: &[f64]) -> bool {
         let p = self.facts.y.len();
         (0..p).all(|i| {

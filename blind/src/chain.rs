@@ -1,4 +1,4 @@
-//! What happens to a command on its way to the vehicle: limits, static effects, rate limit, play, delay.
+//! The path of a command to the vehicle: limits, static effects, rate limit, play, delay.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use super::hidden::value;
 use super::out_of_library::{OutOfLibrary, OutOfLibraryEffect};
 use super::signal::Signal;
 
-/// The order in which the effects on an input act.
+/// Order of the effects on an input.
 const ORDER: [Kind; 8] = [
     Kind::InputGain,
     Kind::GainDrift,
@@ -53,15 +53,16 @@ impl<'a> Chain<'a> {
         Self { limits, ends: vec![None; links.len()], links }
     }
 
-    /// The commands of some periods, the first of which begins at `from_s`, as they reach the vehicle. Calls follow each
-    /// other in time.
+    /// Passes the commands of some periods, the first of which begins at `from_s`, to the vehicle. Calls must be
+    /// consecutive in time.
     pub fn pass(&mut self, commands: &[f64], from_s: f64, period_s: f64) -> Signal {
         let held = commands.iter().map(|u| u.max(self.limits.lower).min(self.limits.upper));
         let mut signal = Signal::held(held, period_s, self.limits.neutral()).moved(from_s);
         for (link, end) in self.links.iter().zip(&mut self.ends) {
             let goes_on = end.is_some();
             if let Some(end) = *end {
-                // Where it stood is its rest: a limit, a play or a stuck actuator goes on from there.
+                // The last value is the initial state: a limit, a play or a stuck actuator continues from
+                // there.
                 signal = signal.resting(end);
             }
             signal = match link {

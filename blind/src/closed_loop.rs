@@ -1,4 +1,4 @@
-//! A flight under a law: what the law commands depends on what the sensors say, one step late.
+//! A closed-loop flight: the law's commands depend on the sensors, one step late.
 
 use whirlstand_vehicle::{Effect, Place, Vehicle};
 
@@ -12,9 +12,11 @@ use super::sense::Sensors;
 use super::signal::Signal;
 use super::truth_model::TruthModel;
 
-/// The commands that a law gives in a flight from `x0` with what is hidden; `noise` is the sensors' (samples x outputs).
+/// The commands that a law gives in a flight from `x0` with hidden effects; `noise` is that of the sensors
+/// (samples x outputs).
 ///
-/// Flown again in an open loop, these commands give the same record: all that is done to records elsewhere is done to these.
+/// Flown again in open loop, these commands give the same record, so that closed-loop records are processed like
+/// all others.
 pub(crate) fn commands(
     vehicle: &Vehicle,
     mut law: Law,
@@ -71,7 +73,7 @@ pub(crate) fn commands(
     Ok(given)
 }
 
-/// The way of each command to the vehicle.
+/// The path of each command to the vehicle.
 fn chains<'a>(vehicle: &'a Vehicle, hidden: Hidden<'a>) -> Result<Vec<Chain<'a>>, BlindError> {
     let mut placed: Vec<(&Effect, Place)> = Vec::new();
     for effect in vehicle.effects.iter().chain(hidden.effects) {

@@ -1,5 +1,5 @@
-//! How visible an effect is: its change of the record against the noise, beyond what the initial state and the free
-//! parameters could imitate. The noise model is the true one.
+//! Detectability of an effect: the change of the record relative to the noise, without the part that the initial
+//! state and the free parameters could imitate. The noise model is the true one.
 
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -9,11 +9,11 @@ use super::commands::Commands;
 use super::linear::{Recursion, model};
 use super::sense::Noise;
 
-/// Whitens changes of a record and takes out what a base model could imitate.
+/// Whitens changes of a record and removes the part that a base model could imitate.
 pub(crate) struct Detector {
     noise: Noise,
     period_s: f64,
-    /// Orthonormal: what the initial state and the free parameters can do, whitened.
+    /// Orthonormal basis of the whitened responses to the initial state and the free parameters.
     base: Vec<Vec<f64>>,
 }
 
@@ -43,8 +43,8 @@ impl Detector {
         white
     }
 
-    /// Detectability of a change of the record whose course is random. The base is not taken out: it would mix channels, and
-    /// can do nothing that lasts as long.
+    /// Detectability of a change of the record that is a random process. The base is not removed: it would mix
+    /// channels, and has no effect that lasts as long.
     pub fn random(&self, change: Vec<f64>) -> f64 {
         random_lambda(&self.whitened(change), self.noise.std.len())
     }
@@ -114,7 +114,7 @@ pub(crate) fn norm(a: &[f64]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// What a unit of each initial state adds to the record.
+/// Response of the record to a unit of each initial state.
 fn initial(vehicle: &Vehicle, commands: &Commands) -> Vec<Vec<f64>> {
     let n = vehicle.states.len();
     let none = Commands {
@@ -126,7 +126,7 @@ fn initial(vehicle: &Vehicle, commands: &Commands) -> Vec<Vec<f64>> {
     (0..n).map(|i| recursion.outputs(&vehicle.c, &vehicle.d, &unit(i), &none)).collect()
 }
 
-/// What a small change of each free entry adds to the record. Free parameters of effects are not among them.
+/// Response of the record to a small change of each free entry, without the free parameters of effects.
 fn free(vehicle: &Vehicle, x0: &[f64], commands: &Commands) -> Vec<Vec<f64>> {
     if vehicle.free.is_empty() {
         return Vec::new();

@@ -1,5 +1,5 @@
-//! A diagnosis as its JSON says it (`whirlstand.diagnosis.v1`): read here anew, so that what is judged is what a user
-//! would read.
+//! A diagnosis read from its JSON (`whirlstand.diagnosis.v1`), so that the judged data are those that a user would
+//! read.
 
 use std::collections::BTreeMap;
 
@@ -35,7 +35,7 @@ pub struct Cause {
     /// Vehicle of a mode transition, where it does not stand among the parameters.
     #[serde(default)]
     pub to: Option<String>,
-    /// Causes that this record cannot tell from this one.
+    /// Causes that this record cannot distinguish from this one.
     #[serde(default)]
     pub indistinguishable: Vec<Cause>,
 }

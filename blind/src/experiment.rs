@@ -1,4 +1,4 @@
-//! The stage of a trial: vehicle, excitation, noise, start; and the records that come of it.
+//! The experiment of a trial: vehicle, excitation, noise and initial state; and the records that it gives.
 
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
@@ -21,10 +21,10 @@ use super::truth_model::TruthModel;
 use super::turbulence::Spectrum;
 use super::vehicles::{self, Nominal, without_noise};
 
-/// What the user gives of his own.
+/// The parts of an experiment that the user supplies.
 #[derive(Debug, Clone, Default)]
 pub struct Setting {
-    /// His vehicle, instead of drawn ones.
+    /// The user's vehicle, instead of drawn ones.
     pub vehicle: Option<Vehicle>,
     /// His excitation, one vector for each input of the vehicle.
     pub commands: Option<Commands>,
@@ -34,18 +34,18 @@ pub struct Setting {
     pub rates_hz: Option<Vec<f64>>,
 }
 
-/// The law of a closed loop, and what it is told to do.
+/// The law of a closed loop, and its reference.
 #[derive(Debug, Clone)]
 pub(crate) struct Control {
     /// Before its first sample.
     pub law: Law,
-    /// What would be commanded were there nothing to regulate.
+    /// The reference: commands without feedback.
     pub reference: Commands,
-    /// Whether the vehicle file says how noisy the sensors are.
+    /// Whether the vehicle file states the sensor noise.
     noise_declared: bool,
 }
 
-/// Everything of a trial but its effects.
+/// A trial without its effects.
 #[derive(Debug, Clone)]
 pub(crate) struct Experiment {
     pub number: u64,
@@ -65,7 +65,7 @@ pub(crate) struct Experiment {
 }
 
 impl Experiment {
-    /// Draws one.
+    /// Draws an experiment.
     pub fn draw(plan: &Plan, setting: &Setting, stream: &mut RandomStream) -> Result<Self, BlindError> {
         // What a change of free parameters could imitate shall not be hidden among them.
         let confounded = [
@@ -109,7 +109,7 @@ impl Experiment {
         let start = (0..nominal.vehicle.states.len())
             .map(|_| if moving { ranges.vehicles.start_spread * stream.normal() } else { 0.0 })
             .collect();
-        // No draw where there is nothing to choose: the reference's trials stay what they are.
+        // Nothing is drawn where there is no choice, so that the reference generator's trials stay the same.
         let dryden = ranges.effects.dryden > 0.0 && stream.chance(ranges.effects.dryden);
         let spectrum = if dryden { Spectrum::Dryden } else { Spectrum::FirstOrder };
         let mut experiment = Self {
@@ -132,8 +132,8 @@ impl Experiment {
         Ok(experiment)
     }
 
-    /// Puts a law between the drawn commands and the vehicle. In half of the trials the vehicle file does not say how noisy
-    /// the sensors are: what the law does with noise must not be taken for what the vehicle does.
+    /// Puts a law between the drawn commands and the vehicle. In half of the trials the vehicle file does not
+    /// state the sensor noise: the law's reaction to noise must not be attributed to the vehicle.
     fn close_loop(&mut self, plan: &Plan) -> Result<(), BlindError> {
         let vehicle = &self.nominal.vehicle;
         let rms = |values: &mut dyn Iterator<Item = f64>| {
@@ -154,7 +154,7 @@ impl Experiment {
                 vehicle.name
             ))
         })?;
-        // Noise as an effect is more than what is declared: there it must be.
+        // Noise as an effect is noise beyond the declared one, so there it must be declared.
         let noise_declared =
             plan.effects.contains(&Kind::Noise) || RandomStream::new(plan.number, "declared").chance(0.5);
         if !noise_declared {
@@ -202,7 +202,7 @@ impl Experiment {
         }
     }
 
-    /// The same with larger or smaller commands; false when they may not change that far.
+    /// Scales the commands by `factor` within their limits; false when they hardly change.
     pub fn rescale(&mut self, factor: f64) -> bool {
         let Some(share) = self.share else { return false };
         let (least, most) = self.ranges.excitation.share_limits;
@@ -232,7 +232,7 @@ impl Experiment {
         self.sensed(hidden, Some(&noise))
     }
 
-    /// The record without anything random or rounded.
+    /// The record without random parts and rounding.
     pub fn expected(
         &self,
         effects: &[Effect],

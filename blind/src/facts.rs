@@ -1,4 +1,4 @@
-//! What a nominal flight looks like: the sizes against which effects are drawn.
+//! Properties of a nominal flight: the sizes relative to which effects are drawn.
 
 use whirlstand_vehicle::Vehicle;
 
@@ -54,7 +54,7 @@ impl Range {
 }
 
 impl Facts {
-    /// Flies the vehicle as it is.
+    /// Simulates the vehicle without hidden effects.
     pub fn new(vehicle: &Vehicle, commands: &Commands, x0: &[f64]) -> Result<Self, BlindError> {
         let hidden =
             Hidden { effects: &[], outside: None, expected: true, spectrum: Spectrum::FirstOrder, trial: 0 };

@@ -1,4 +1,4 @@
-//! The two generators: the same machine with other ranges.
+//! The two generators of trials, which differ in their ranges only.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,15 +6,15 @@ use super::ranges::Ranges;
 use super::reference::REFERENCE;
 use super::shifted::SHIFTED;
 
-/// From which ranges a trial is drawn.
+/// Selects the ranges from which a trial is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Generator {
     /// The ranges against which the diagnosis was developed.
     #[default]
     Reference,
-    /// Other noise, vehicles, excitation, sizes, and other effects outside the table: what was fitted to the reference
-    /// ranges does not help here.
+    /// Other noise, vehicles, excitation, sizes, and other effects outside the table: a diagnosis that was fitted
+    /// to the reference ranges has no advantage here.
     Shifted,
 }
 
@@ -27,7 +27,7 @@ impl Generator {
         }
     }
 
-    /// What it draws from.
+    /// The ranges of the generator.
     pub(crate) fn ranges(self) -> &'static Ranges {
         match self {
             Self::Reference => &REFERENCE,

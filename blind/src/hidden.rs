@@ -1,16 +1,16 @@
-//! What acts on a vehicle beside its model, as the truth model and the sensors take it.
+//! Hidden effects of a trial, as input of the truth model and the sensors.
 
 use whirlstand_vehicle::Effect;
 
 use super::out_of_library::OutOfLibraryEffect;
 use super::turbulence::Spectrum;
 
-/// What acts on a vehicle beside its model.
+/// The effects that act on a vehicle in addition to its model.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hidden<'a> {
     pub effects: &'a [Effect],
     pub outside: Option<&'a OutOfLibraryEffect>,
-    /// Leave out what is random: turbulence, noise, dropouts, outliers, rounding.
+    /// Whether random parts are left out: turbulence, noise, dropouts, outliers, rounding.
     pub expected: bool,
     /// Spectrum of turbulence.
     pub spectrum: Spectrum,

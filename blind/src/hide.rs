@@ -1,4 +1,4 @@
-//! What is hidden in an experiment, and how large: effects are sized for a detectability.
+//! Hides effects in an experiment, with sizes chosen for a given detectability.
 
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
@@ -20,16 +20,16 @@ pub(crate) struct HiddenTruth {
     pub outside: Option<OutOfLibraryEffect>,
     /// Detectability of each.
     pub lambdas: Vec<f64>,
-    /// For an effect outside the table: the one of the table that is most like it, and how much.
+    /// For an effect outside the table: the most similar effect of the table, and their similarity.
     pub nearest: Option<(String, f64)>,
 }
 
-/// An effect outside the table is drawn anew when one of the table is as like it as this.
+/// Similarity to an effect of the table from which an effect outside the table is drawn anew.
 const TOO_SIMILAR: f64 = 0.9;
 
 impl HiddenTruth {
-    /// The same as a law flies it: with what is hidden, it gives other commands than without. `None` where the record then
-    /// no longer shows what it should.
+    /// The experiment as a law flies it: with the hidden effects, the law gives other commands than without.
+    /// `None` where the record then no longer shows them.
     pub fn flown(mut self) -> Result<Option<Self>, BlindError> {
         // A relay keeps its side from one period to the next, which a chain of single periods does not.
         let relay = self.outside.as_ref().is_some_and(|o| o.kind == OutOfLibrary::InputRelay);
@@ -68,7 +68,7 @@ impl HiddenTruth {
     }
 }
 
-/// Values that a rounded channel shows, at least: with fewer it is a switch, or stands still.
+/// Least number of values of a rounded channel: with fewer it acts as a switch, or stands still.
 const LEVELS: usize = 4;
 
 /// Whether a rounded channel of a record still moves from level to level.
@@ -119,7 +119,7 @@ fn fit(
     unreachable!("the loop ends by its own rounds")
 }
 
-/// Detectability of an effect by what it changes.
+/// Detectability of an effect from its change of the record.
 fn detectability(kind: Kind, detector: &Detector, change: Vec<f64>) -> f64 {
     if kind == Kind::Turbulence { detector.random(change) } else { lambda(&detector.signature(change)) }
 }
@@ -248,7 +248,7 @@ pub(crate) fn pair(
     Ok(None)
 }
 
-/// Detectability of each of two effects beside the other; `None` where one masks the other.
+/// Detectability of each of two effects in the presence of the other; `None` where one masks the other.
 fn joint_detectability(
     experiment: &Experiment,
     baseline: &Baseline,
@@ -278,7 +278,7 @@ fn joint_detectability(
     Ok(Some([own(one, two)?, own(two, one)?]))
 }
 
-/// Whether an effect touches samples one by one.
+/// Whether an effect scatters single samples.
 fn scatters(effect: &Effect) -> bool {
     matches!(effect.kind(), Kind::Noise | Kind::Quantization | Kind::Dropouts | Kind::Outliers)
 }

@@ -1,4 +1,5 @@
-//! The integration: classical Runge-Kutta while nothing jumps, dry friction located where it stops the motion.
+//! Numerical integration: the classical Runge-Kutta method between discontinuities; dry friction is located
+//! where it stops the motion.
 
 use super::signal::Signal;
 use super::truth_model::{Filter, Force, TruthModel};

@@ -44,7 +44,7 @@ impl Law {
         let square = |sizes: &[f64]| diagonal(sizes, |size| size * size);
         let cost = c.transpose() * inverse(weights.outputs) * &c;
         let feedback = gain(&f, &g, &cost, &inverse(weights.inputs))?;
-        // Of the state's own disturbance nothing is known but the commands: they are taken for as uncertain as large.
+        // Only the commands are known to disturb the state: they are assumed to be as uncertain as they are large.
         let unrest = &g * square(weights.inputs) * g.transpose();
         let observer = gain(&f.transpose(), &c.transpose(), &unrest, &square(weights.noise))?.transpose();
         let estimate = DVector::zeros(f.nrows());
@@ -60,7 +60,7 @@ impl Law {
         self.limits.iter().enumerate().map(limited).collect()
     }
 
-    /// Takes this sample's command and measurement in.
+    /// Takes in this sample's command and measurement.
     pub fn measure(&mut self, command: &[f64], measured: &[f64]) {
         let u = DVector::from_column_slice(command);
         let new = DVector::from_column_slice(measured) - &self.c * &self.estimate - &self.d * &u;

@@ -1,6 +1,6 @@
-//! Blind trials: records with a hidden effect, and how well diagnosis names it.
+//! Blind trials: records with a hidden effect, and a score of how well diagnosis names it.
 //!
-//! The generator shares nothing with the simulator and with diagnosis but the vehicle's data: it has its own
+//! The generator shares only the vehicle's data with the simulator and with diagnosis: it has its own
 //! integrator, its own effects, written from the table's definitions, and its own noise.
 
 mod autoregression;

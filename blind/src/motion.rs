@@ -1,4 +1,4 @@
-//! A flight: from one time at which anything jumps to the next, and what is seen at the samples.
+//! A flight, integrated from one discontinuity to the next, and its measurements at the samples.
 
 use super::error::BlindError;
 use super::integrator::{Integrator, Line};
@@ -7,7 +7,7 @@ use super::truth_model::TruthModel;
 
 /// Times closer than this are the same, s.
 const SAME: f64 = 1e-10;
-/// A state beyond this has lost all meaning.
+/// Magnitude above which a state has diverged.
 const LARGEST: f64 = 1e9;
 
 /// A record of the motion at the sample times.

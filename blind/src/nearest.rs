@@ -1,4 +1,5 @@
-//! How near an effect outside the table comes to one of the table: were it the same, its name would not be wrong.
+//! Similarity of an effect outside the table to the effects of the table: if they were the same, that name would
+//! not be wrong.
 
 use whirlstand_vehicle::Kind;
 
@@ -37,7 +38,8 @@ const COMPARED: [Kind; 20] = [
     Kind::OutputSaturation,
 ];
 
-/// The effect of the table whose signature is most like this one, and how much (|cos|).
+/// The effect of the table whose signature is most similar to that of the given one, and their similarity
+/// (|cos|).
 pub(crate) fn nearest(
     signature: &[f64],
     experiment: &Experiment,

@@ -1,4 +1,4 @@
-//! Sensor noise of known colour, and the filter that makes it white again.
+//! Sensor noise of known colour, and its whitening filter.
 
 use std::f64::consts::TAU;
 
@@ -33,7 +33,8 @@ pub enum Colour {
         /// Radii of their poles.
         radii: [f64; 2],
     },
-    /// White noise on a zero that wanders: a first-order autoregression of seconds is added.
+    /// White noise with a drifting zero: a first-order autoregression with a time constant of seconds is
+    /// added.
     Wandering {
         /// Time constant of the wandering, s.
         time_constant_s: f64,
@@ -94,8 +95,8 @@ impl Colour {
         }
     }
 
-    /// Makes noise of standard deviation `std` white with variance 1, in place. `signal` is one of `columns` that
-    /// alternate in it, the `column`th.
+    /// Whitens noise of standard deviation `std` to variance 1, in place. `signal` interleaves `columns`
+    /// channels, of which this is number `column`.
     pub(crate) fn whiten(self, signal: &mut [f64], column: usize, columns: usize, std: f64, period_s: f64) {
         match self {
             Self::White | Self::Ar1 { .. } | Self::Resonant { .. } | Self::StudentT { .. } => {
@@ -167,7 +168,7 @@ impl Colour {
             let now = *x;
             *x = match k {
                 0 => now / std,
-                // Given the first alone, the second has a larger spread than later ones given two.
+                // Given only the first value, the second has a larger spread than later values given two.
                 1 if phi2 != 0.0 => (now - rho * one) / (std * (1.0 - rho * rho).sqrt()),
                 _ => scale * (now - phi1 * one - phi2 * two),
             };

@@ -1,8 +1,8 @@
-//! Effects that are not in the table: what diagnosis must describe and not name.
+//! Effects outside the table: diagnosis must describe them without a name from the table.
 
 use serde::{Deserialize, Serialize};
 
-/// Which effect.
+/// An effect outside the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OutOfLibrary {

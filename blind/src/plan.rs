@@ -1,4 +1,5 @@
-//! What a trial is about, from its number alone: so that all effects come equally often, and any trial can be repeated.
+//! The plan of a trial, determined by its number alone, so that all effects are equally frequent and any trial can
+//! be repeated.
 
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Kind;
@@ -11,7 +12,7 @@ use super::ranges::OutOfLibraryRange;
 /// Trials of one seed; trial numbers are seed times this plus a count.
 pub const TRIALS_PER_SEED: u64 = 1_000_000;
 
-/// What kind of trial.
+/// Kind of trial.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Case {
@@ -57,7 +58,7 @@ pub enum Loops {
 pub struct Plan {
     /// Number of the trial.
     pub number: u64,
-    /// What it is drawn from.
+    /// Generator from which it is drawn.
     pub generator: Generator,
     /// Kind of trial.
     pub case: Case,
@@ -65,7 +66,7 @@ pub struct Plan {
     pub effects: Vec<Kind>,
     /// An effect outside it.
     pub outside: Option<OutOfLibrary>,
-    /// A law flies the vehicle, and the record holds its commands.
+    /// Whether a law flies the vehicle, and the record holds its commands.
     pub closed_loop: bool,
     /// Counts the trials of this case: noise colours of clean records take turns by it.
     pub ordinal: u64,

@@ -1,4 +1,5 @@
-//! The poles of what is drawn, by nalgebra's QR iteration within a limit. Where that finds none, a bound stands for them.
+//! Poles of drawn vehicles, by nalgebra's QR iteration with a limit. Where the iteration finds none, a bound is
+//! used.
 
 use nalgebra::{Complex, DMatrix, Dyn, OVector, Schur};
 

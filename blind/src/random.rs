@@ -1,4 +1,4 @@
-//! Random numbers of the blind trials: a stream of its own for everything that is drawn.
+//! Random numbers of the blind trials: a separate stream for every purpose.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +18,7 @@ impl RandomStream {
     pub fn new(trial: u64, purpose: &str) -> Self {
         let mut key = [0u8; 32];
         key[..8].copy_from_slice(&trial.to_le_bytes());
-        // What tells purposes apart are the letters themselves, folded into the rest of the key.
+        // Purposes are distinguished by their letters, folded into the rest of the key.
         for (i, byte) in purpose.bytes().enumerate() {
             let at = 8 + i % 24;
             key[at] = key[at].rotate_left(3) ^ byte;

@@ -1,4 +1,4 @@
-//! What a generator draws from: every range that decides a trial, with its unit.
+//! The ranges of a generator: every range that determines a trial, with its unit.
 
 use super::excitation::Excitation;
 use super::out_of_library::OutOfLibrary;

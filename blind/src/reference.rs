@@ -7,7 +7,7 @@ use super::ranges::{
     VehicleRanges,
 };
 
-/// What the reference generator draws from.
+/// Ranges of the reference generator.
 pub(crate) const REFERENCE: Ranges = Ranges {
     lengths_s: (30.0, 120.0),
     rates_hz: &[50.0, 100.0, 200.0],

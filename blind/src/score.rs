@@ -11,52 +11,53 @@ use super::plan::Case;
 use super::trial::{Answer, Trial, Truth};
 use super::turbulence::Spectrum;
 
-/// Two causes whose signatures are at least this alike cannot be told apart.
+/// Similarity of two signatures from which the causes cannot be distinguished.
 pub const CONFUSABLE: f64 = 0.95;
-/// Detectability from which on an effect counts for the goals.
+/// Detectability from which an effect counts for the goals.
 pub const COUNTS_FROM: f64 = 30.0;
 
-/// How a trial ended.
+/// Outcome of a trial.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// As it should be: the right name and place first; both of a pair; nothing on a clean record; no name for what is
-    /// outside the table.
+    /// Correct: the right name and location first; both effects of a pair; no name on a clean record; no name for
+    /// an effect outside the table.
     Right,
-    /// Outside the table, under the name of an effect of the table that changes this record in the same way: neither right
-    /// nor wrong. The generator draws such trials anew where it knows them.
+    /// An effect outside the table got the name of an effect of the table that changes this record in the same
+    /// way: neither right nor wrong. The generator draws such trials anew where it knows them.
     Alike,
-    /// Another name first, with the truth listed as indistinguishable, and so it is.
+    /// Another name is first, and the truth is rightly listed as indistinguishable from it.
     Listed,
-    /// A wrong name or place first, or one of a pair wrong, or any name where there is none.
+    /// A wrong name or location first, or one wrong name of a pair, or any name where nothing in the table is
+    /// hidden.
     Wrong,
-    /// Right for one of a pair, and nothing named for the other.
+    /// One effect of a pair is named rightly, and the other is not named.
     Half,
-    /// Nothing named.
+    /// No cause is named.
     Missed,
     /// The program gave no diagnosis.
     Failed,
 }
 
-/// A parameter of a rightly named effect.
+/// A parameter of a correctly named effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ScoredParameter {
     /// Effect and parameter.
     pub name: String,
-    /// What it is, SI.
+    /// True value, SI.
     pub truth: f64,
-    /// What diagnosis says, SI.
+    /// Value from the diagnosis, SI.
     pub value: f64,
-    /// Whether the stated interval holds the truth; `None` where none is stated.
+    /// Whether the stated interval contains the truth; `None` without an interval.
     pub inside: Option<bool>,
-    /// Relative error; `None` for times, phases and what is zero.
+    /// Relative error; `None` for times, phases and true values of zero.
     pub relative_error: Option<f64>,
 }
 
 /// A trial with its outcome.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Scored {
-    /// What was hidden.
+    /// The hidden truth.
     pub answer: Answer,
     /// SHA-256 of the sealed answer.
     pub seal: String,
@@ -66,23 +67,23 @@ pub struct Scored {
     pub verdict: String,
     /// Named causes as `effect(where)`, the first one first.
     pub named: Vec<String>,
-    /// Names that are wrong, beside the first one or not.
+    /// Number of wrong names, at any position.
     pub wrong_names: usize,
     /// Confusability of the first named cause with the truth, where it was needed.
     pub kappa: Option<f64>,
-    /// Parameters of rightly named effects.
+    /// Parameters of correctly named effects.
     pub parameters: Vec<ScoredParameter>,
     /// Held-out error over the noise floor: root mean square over outputs.
     pub heldout: Option<f64>,
     /// Wall time of the diagnosis, s.
     pub seconds: f64,
-    /// Why there is no diagnosis.
+    /// Reason why there is no diagnosis.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub failure: Option<String>,
 }
 
 impl Scored {
-    /// Whether it counts for the goals: everything hidden is visible.
+    /// Whether the trial counts for the goals, because everything hidden is detectable.
     pub fn counts(&self) -> bool {
         self.answer.effects.iter().all(|t| t.lambda > COUNTS_FROM)
     }
@@ -109,7 +110,7 @@ impl Scored {
         }
     }
 
-    /// Breaks the seal: holds a diagnosis against the trial.
+    /// Opens the seal: compares a diagnosis with the trial.
     ///
     /// # Errors
     /// When the true motion cannot be computed again, which [`Trial::draw`] has done before.
@@ -184,7 +185,8 @@ fn tight(text: &str) -> String {
     text.chars().filter(|c| !c.is_whitespace()).collect()
 }
 
-/// The same effect at the same place. A misalignment of a pair is one of the pair the other way round.
+/// Whether a cause is the same effect at the same location as the truth. A misalignment of a pair equals one
+/// of the pair in the other order.
 fn same(truth: &Effect, named: &Cause) -> bool {
     if truth.kind().name() != named.effect {
         return false;
@@ -217,7 +219,7 @@ fn compare(vehicle: &Vehicle, truth: &Effect, named: &Cause, trial: &Trial) -> V
         let first = |place: &str| tight(place).split(',').next().unwrap_or_default().to_string();
         first(truth.place()).trim_end_matches("_rate") != first(&named.place).trim_end_matches("_rate")
     };
-    // A sine of negative amplitude is one of positive amplitude half a turn on.
+    // A sine of negative amplitude equals one of positive amplitude, shifted by half a turn.
     let flipped = ["amplitude"].iter().any(|n| named.estimate(n).is_some_and(|e| e.value < 0.0));
     let mut all = Vec::new();
     for (name, wanted) in truth.parameters() {
@@ -292,8 +294,8 @@ impl<'a> Confusability<'a> {
         Self { trial, detector: None, last: None }
     }
 
-    /// That of a cause in place of the `index`th truth; `None` where the cause cannot be flown as it stands, or is
-    /// random and has no signature.
+    /// Confusability of a cause with the truth number `index` that it replaces; `None` where the cause cannot be
+    /// simulated as stated, or is random and has no signature.
     fn of(&mut self, index: usize, cause: &Cause) -> Option<f64> {
         let trial = self.trial;
         let named = effect(cause)?;

@@ -1,4 +1,4 @@
-//! From the motion to the record: what sensors add, round, limit, lose and spoil.
+//! Sensor model: noise, rounding, limits, dropouts and outliers, from the motion to the record.
 
 use std::f64::consts::TAU;
 
@@ -35,7 +35,7 @@ impl Noise {
     }
 }
 
-/// What a sensor does to its value at each sample, in order.
+/// Operations of a sensor on its value at each sample, in order.
 enum Operation {
     Scale(f64),
     Bias(f64),
@@ -70,7 +70,7 @@ struct Channel {
 }
 
 impl<'a> Sensors<'a> {
-    /// Before the first of `samples` samples.
+    /// The sensors before the first of `samples` samples.
     pub fn new(
         vehicle: &'a Vehicle,
         samples: usize,
@@ -103,7 +103,8 @@ impl<'a> Sensors<'a> {
         Ok(Self { vehicle, turned, channels, period_s })
     }
 
-    /// Sample `k`: what the sensors see becomes what they say. `noise` is added where a sensor's noise enters.
+    /// Sample `k`: turns the values that the sensors see into those that they report. `noise` is added where a
+    /// sensor's noise enters.
     pub fn sample(&mut self, k: usize, row: &mut [f64], noise: Option<&[f64]>) {
         for (i, j, angle) in &self.turned {
             turn(self.vehicle, row, *i, *j, *angle);
@@ -119,7 +120,7 @@ impl<'a> Sensors<'a> {
     }
 }
 
-/// Samples x outputs as they stand in the record.
+/// The record: samples x outputs.
 pub(crate) fn sense(
     vehicle: &Vehicle,
     motion: &Motion,

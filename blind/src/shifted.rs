@@ -1,4 +1,5 @@
-//! Other ranges than the reference's: nothing that the diagnosis might have been fitted to stands at its old place.
+//! The shifted ranges: they differ from the reference's, so that no value to which the diagnosis might have been
+//! fitted remains.
 
 use super::excitation::Excitation;
 use super::out_of_library::OutOfLibrary;
@@ -7,7 +8,7 @@ use super::ranges::{
     VehicleRanges,
 };
 
-/// What the shifted generator draws from.
+/// Ranges of the shifted generator.
 pub(crate) const SHIFTED: Ranges = Ranges {
     lengths_s: (20.0, 100.0),
     rates_hz: &[40.0, 80.0, 125.0, 250.0],

@@ -1,9 +1,9 @@
-//! Inputs as functions of time: straight lines between breakpoints, where they may jump.
+//! Inputs as piecewise linear functions of time, which may jump at their breakpoints.
 //!
-//! What an effect does to such a signal is solved piece by piece, so that a delay, a rate limit or a play acts at the
-//! very time at which it does, whatever the sampling.
+//! The result of an effect on such a signal is computed piece by piece, so that a delay, a rate limit or a play
+//! acts at its exact time, whatever the sampling.
 
-/// A straight line from a time on.
+/// A linear piece that begins at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Piece {
     /// Start, s.
@@ -19,7 +19,7 @@ pub(crate) struct Piece {
 pub(crate) struct Signal {
     rest: f64,
     pieces: Vec<Piece>,
-    /// End of what is known, s.
+    /// End of the known part, s.
     until: f64,
 }
 
@@ -51,18 +51,18 @@ impl Signal {
         self
     }
 
-    /// The value at its end.
+    /// Value at the end of the known part.
     pub fn end(&self) -> f64 {
         self.spans().last().map_or(self.rest, |(from, end, value, slope)| value + slope * (end - from))
     }
 
-    /// Goes on with what follows in time.
+    /// Appends a signal that follows in time.
     pub fn append(&mut self, next: &Self) {
         self.pieces.extend_from_slice(&next.pieces);
         self.until = next.until;
     }
 
-    /// What it is before the record begins.
+    /// Value before the record begins.
     pub fn rest(&self) -> f64 {
         self.rest
     }
@@ -95,7 +95,7 @@ impl Signal {
         }
     }
 
-    /// A function without memory that is straight between the given values of its argument.
+    /// A memoryless function of the signal that is linear between the given values of its argument.
     pub fn bent(&self, kinks: &[f64], f: impl Fn(f64) -> f64) -> Self {
         let mut out = self.empty(f(self.rest));
         let mut cuts = Vec::new();
@@ -113,7 +113,7 @@ impl Signal {
         out
     }
 
-    /// A function of time and value that is curved: replaced by chords of at most 1 ms.
+    /// A curved function of time and value, approximated by chords of at most 1 ms.
     pub fn curved(&self, f: impl Fn(f64, f64) -> f64) -> Self {
         let mut out = self.empty(f(0.0, self.rest));
         let mut cuts = Vec::new();
@@ -167,7 +167,7 @@ impl Signal {
                 let meet = if closing > 0.0 { t + gap.abs() / closing } else { f64::INFINITY };
                 out.push(t, position, own);
                 if meet <= end {
-                    // There it is, to the last digit: what is left of the gap would be closed in steps too short to end.
+                    // The value is set exactly there: a remaining gap would be closed in steps too short to end.
                     t = meet.max(t + SHORTEST);
                     position = target(t);
                 } else {
@@ -202,7 +202,8 @@ impl Signal {
         out
     }
 
-    /// Plus `size` while the signal was last above `threshold`, minus `size` while it was last below the negative.
+    /// Relay with hysteresis: plus `size` while the signal was last above `threshold`, minus `size` while it was
+    /// last below the negative.
     pub fn relayed(&self, size: f64, threshold: f64) -> Self {
         let mut side = 0.0;
         let mut out = self.clone();
@@ -215,8 +216,8 @@ impl Signal {
         out
     }
 
-    /// What stands still until the signal is `width` away from it, and then jumps to the signal; sloped pieces are looked
-    /// at every millisecond.
+    /// Stiction: stands still until the signal is `width` away from it, and then jumps to the signal; sloped
+    /// pieces are checked every millisecond.
     pub fn sticking(&self, width: f64) -> Self {
         let mut position = self.rest;
         let mut out = self.empty(position);
@@ -234,7 +235,7 @@ impl Signal {
         out
     }
 
-    /// The signal of `delay` ago.
+    /// The signal delayed by `delay_s`.
     pub fn delayed(mut self, delay_s: f64) -> Self {
         if delay_s > 0.0 {
             self = self.moved(delay_s);

@@ -1,4 +1,4 @@
-//! All trials of a run together: rates with their intervals, goals, and which effect was taken for which.
+//! Statistics over all trials of a run: rates with their intervals, goals, and confusions between effects.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,7 +17,7 @@ pub const SCHEMA: &str = "whirlstand.blind.v1";
 pub struct Tally {
     /// [`SCHEMA`].
     pub schema: String,
-    /// What was asked, for the reader.
+    /// The call, for the reader.
     pub call: String,
     /// Goals, on trials whose hidden effects all have a detectability above 30.
     pub goals: Vec<Goal>,
@@ -25,7 +25,8 @@ pub struct Tally {
     pub classes: Vec<Class>,
     /// Single effects with a detectability above 30: which was taken for which.
     pub confusion: Vec<Row>,
-    /// Plans for which vehicle and excitation have no place, or that cannot be seen at all there.
+    /// Number of plans for which vehicle and excitation have no place, or whose effect cannot be seen at all
+    /// there.
     pub skipped: usize,
     /// All trials.
     pub trials: Vec<Scored>,
@@ -81,7 +82,7 @@ pub struct Row {
 const CLASSES: [f64; 6] = [0.0, 30.0, 100.0, 1e3, 1e4, f64::MAX];
 
 impl Tally {
-    /// Counts.
+    /// Computes the statistics.
     pub fn new(call: String, mut trials: Vec<Scored>, skipped: usize) -> Self {
         trials.sort_by_key(|t| t.answer.number);
         let singles = || trials.iter().filter(|t| t.answer.case == Case::Single);

@@ -17,10 +17,10 @@ use super::plan::{Case, Plan};
 use super::random::RandomStream;
 use super::turbulence::Spectrum;
 
-/// How often a trial is drawn anew before it is given up.
+/// Number of draws of a trial before it is given up.
 const ATTEMPTS: u32 = 10;
 
-/// What is hidden in a record.
+/// A hidden effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Name of the effect.
@@ -47,7 +47,7 @@ pub struct Truth {
 pub struct Answer {
     /// Number of the trial.
     pub number: u64,
-    /// What it was drawn from.
+    /// Generator from which it was drawn.
     #[serde(default)]
     pub generator: Generator,
     /// Kind of trial.
@@ -65,7 +65,7 @@ pub struct Answer {
     /// Whether a law flew the vehicle.
     #[serde(default)]
     pub closed_loop: bool,
-    /// Whether the vehicle file says how noisy the sensors are.
+    /// Whether the vehicle file states the sensor noise.
     #[serde(default = "yes")]
     pub noise_declared: bool,
     /// Colour of the noise.
@@ -75,11 +75,11 @@ pub struct Answer {
     /// Spectrum of turbulence, where there is any.
     #[serde(default)]
     pub spectrum: Spectrum,
-    /// What is hidden.
+    /// The hidden effects.
     pub effects: Vec<Truth>,
 }
 
-/// Trials of older runs declare their noise.
+/// Default for trials of older runs, which declare their noise.
 fn yes() -> bool {
     true
 }
@@ -87,7 +87,7 @@ fn yes() -> bool {
 /// A record with its answer.
 #[derive(Debug, Clone)]
 pub struct Trial {
-    /// What was hidden.
+    /// The hidden truth.
     pub answer: Answer,
     pub(crate) experiment: Experiment,
     pub(crate) effects: Vec<Effect>,

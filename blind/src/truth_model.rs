@@ -1,7 +1,7 @@
-//! The vehicle of a trial with all that acts on its motion, as an ordinary differential equation.
+//! The vehicle of a trial with everything that acts on its motion, as an ordinary differential equation.
 //!
-//! This is written from the table's definitions alone: nothing of the simulator that diagnosis uses enters, only the
-//! vehicle's matrices, limits and effects as data.
+//! This is written from the table's definitions alone. It uses nothing of the simulator that diagnosis uses, only
+//! the vehicle's matrices, limits and effects as data.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +18,7 @@ use super::random::RandomStream;
 use super::signal::Signal;
 use super::turbulence::turbulence;
 
-/// Rows of a matrix as lists of column and value: what is zero costs nothing.
+/// Rows of a matrix as lists of column and value, so that zeros cost nothing.
 #[derive(Debug, Clone)]
 pub(crate) struct Sparse(Vec<Vec<(usize, f64)>>);
 
@@ -41,7 +41,7 @@ pub(crate) enum Filter {
     Mode { input: usize, state: usize, w: f64, damping: f64, gain: f64 },
 }
 
-/// What is added to a derivative, beside A x + B u.
+/// A term added to a derivative, beside A x + B u.
 #[derive(Debug, Clone)]
 pub(crate) enum Force {
     Drag { state: usize, c: f64 },
@@ -91,22 +91,22 @@ pub(crate) struct SensorFilter {
 pub(crate) struct TruthModel {
     pub n: usize,
     pub size: usize,
-    /// A and B from a time on.
+    /// A and B of each stage, with the time from which it holds.
     pub stages: Vec<(f64, Sparse, Sparse)>,
     pub c: Sparse,
     pub d: Sparse,
     /// Inputs as they reach the vehicle, before couplings and filters.
     pub inputs: Vec<Signal>,
-    /// Added to the derivatives of states.
+    /// Signals added to the derivatives of states: index of the state and signal.
     pub pushes: Vec<(usize, Signal)>,
-    /// From, onto, coefficient.
+    /// Couplings of inputs: index of the source, index of the target, and coefficient.
     pub couplings: Vec<(usize, usize, f64)>,
     pub filters: Vec<Filter>,
     pub forces: Vec<Force>,
     pub frictions: Vec<Friction>,
     pub relay: Option<Relay>,
     pub sensor_filters: Vec<SensorFilter>,
-    /// How late each output is looked at, s.
+    /// Delay of each output's measurement, s.
     pub sensor_delays: Vec<f64>,
     /// Largest step of the integration, s.
     pub step_s: f64,
@@ -299,7 +299,7 @@ impl TruthModel {
         self.sensor_filters.push(SensorFilter { output, state, rate: 1.0 / time_constant_s, creep, slew });
     }
 
-    /// A step is short against everything that moves by itself.
+    /// Chooses a step that is short compared with every dynamic of the model.
     fn choose_step(&mut self, a: &DMatrix<f64>) {
         let own = std::iter::once(fastest(a));
         let filters = self.filters.iter().map(|f| match f {

@@ -14,14 +14,14 @@ use super::poles::{fastest, rightmost};
 use super::random::RandomStream;
 use super::ranges::{Ranges, VehicleRanges};
 
-/// The helicopters, which can pass into each other.
+/// The helicopters, between which mode transitions are possible.
 pub(crate) const HELICOPTERS: [&str; 3] =
     ["helicopter-hover", "helicopter-longitudinal", "helicopter-lateral"];
 
 /// A vehicle of a trial.
 #[derive(Debug, Clone)]
 pub(crate) struct Nominal {
-    /// As diagnosis gets it; parsed from `toml`.
+    /// The vehicle that diagnosis gets, parsed from `toml`.
     pub vehicle: Vehicle,
     /// The file's text.
     pub toml: String,
@@ -43,7 +43,7 @@ impl Nominal {
     }
 }
 
-/// As one who does not know his sensors gives it: without noise.
+/// The vehicle file of a user who does not know the sensor noise: without noise.
 pub(crate) fn without_noise(vehicle: &Vehicle) -> String {
     let mut silent = vehicle.clone();
     silent.outputs.iter_mut().for_each(|output| output.noise = 0.0);
@@ -107,7 +107,7 @@ fn random(ranges: &Ranges, stream: &mut RandomStream) -> Result<Vehicle, BlindEr
     let built = if stream.chance(0.7) { axes(own, stream) } else { dense(own, stream) };
     let text = built.text(&vec![1.0; built.outputs.len()]);
     let vehicle = Vehicle::parse(&text, "random").map_err(BlindError::effect)?;
-    // The sensors are as good as such sensors are: noise of 0.3 to 2 % of a brisk response.
+    // The sensors have realistic quality: noise of 0.3 to 2 % of a brisk response.
     let period_s = 0.01;
     let highest = band(&vehicle.a);
     let format = CommandFormat { inputs: vehicle.inputs.len(), samples: 3000, period_s, highest_hz: highest };
@@ -120,7 +120,7 @@ fn random(ranges: &Ranges, stream: &mut RandomStream) -> Result<Vehicle, BlindEr
             let square: f64 = response.iter().skip(i).step_by(p).map(|y| y * y).sum();
             let rms = (square * p as f64 / response.len() as f64).sqrt();
             let noise = rms * stream.scaled_within(own.noise_share);
-            // Two digits, as a data sheet has them.
+            // Two significant digits, as in a data sheet.
             format!("{noise:.1e}").parse().unwrap_or(noise)
         })
         .collect();

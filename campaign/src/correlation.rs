@@ -1,11 +1,13 @@
-//! Correlations: which of the things that varied moved a figure, and draws that hang together.
+//! Rank correlations between varied quantities and figures, and roots of correlation matrices for joint
+//! draws.
 
 use nalgebra::DMatrix;
 
-/// The lower root of a correlation matrix (Cholesky). What rounding leaves of a direction that follows from those before it
-/// counts as none, so that parameters of which one follows from others can be drawn. `None` where it is no correlation matrix.
+/// The lower root of a correlation matrix (Cholesky). A direction that depends linearly on those before it counts
+/// as zero within rounding, so that parameters that depend on others can be drawn. `None` where the matrix is no
+/// correlation matrix.
 pub fn correlation_root(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    /// Share of a variance that rounding may leave, or take beyond nothing.
+    /// Share of a variance by which rounding may leave it above or below zero.
     const ROUNDING: f64 = 1e-12;
     let n = matrix.nrows();
     let mut root = DMatrix::<f64>::zeros(n, n);
@@ -27,9 +29,9 @@ pub fn correlation_root(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(root)
 }
 
-/// Spearman's rank correlation of two rows of numbers of the same length, ties at their mean rank (Spearman 1904; Saltelli and
-/// others, "Global Sensitivity Analysis", Wiley 2008, section 1.2.2, for its use as a measure of sensitivity): -1 to 1, and `None` where
-/// fewer than three pairs are finite, or one of the two does not vary.
+/// Spearman's rank correlation of two sequences of numbers of the same length, ties at their mean rank (Spearman
+/// 1904; Saltelli and others, "Global Sensitivity Analysis", Wiley 2008, section 1.2.2, for its use as a measure
+/// of sensitivity): -1 to 1, and `None` where fewer than three pairs are finite, or one of the two does not vary.
 pub fn rank_correlation(x: &[f64], y: &[f64]) -> Option<f64> {
     let pairs: Vec<(f64, f64)> =
         x.iter().copied().zip(y.iter().copied()).filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
@@ -44,7 +46,7 @@ pub fn rank_correlation(x: &[f64], y: &[f64]) -> Option<f64> {
     (xx > 0.0 && yy > 0.0).then(|| xy / (xx * yy).sqrt())
 }
 
-/// Ranks from 0, the mean of their places for equal values.
+/// Ranks from 0; equal values have the mean of their ranks.
 fn ranks(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let values: Vec<f64> = values.collect();
     let mut order: Vec<usize> = (0..values.len()).collect();
@@ -83,7 +85,8 @@ mod tests {
             assert!((&root * root.transpose() - &matrix).amax() < 1e-12, "{root}");
             assert!(root.upper_triangle().iter().filter(|v| **v != 0.0).count() <= 3);
         }
-        // The first two are one; the third cannot go with one of them and against the other.
+        // The first two are identical; the third cannot be correlated with one of them and anticorrelated
+        // with the other.
         assert_eq!(correlation_root(&of(&[1.0, 1.0, 0.4, 1.0, 1.0, -0.4, 0.4, -0.4, 1.0])), None);
         assert_eq!(correlation_root(&of(&[1.0, 1.2, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0, 1.0])), None);
         assert_eq!(correlation_root(&of(&[1.0, f64::NAN, 0.0, f64::NAN, 1.0, 0.0, 0.0, 0.0, 1.0])), None);

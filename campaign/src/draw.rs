@@ -1,4 +1,4 @@
-//! Points of the unit cube: what each flight draws, by its number alone.
+//! Sampling of the unit cube: the point of each flight, determined by its number alone.
 
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -8,24 +8,25 @@ use serde::{Deserialize, Serialize};
 use crate::importance::Importance;
 use crate::quantity::{Quantity, Value};
 
-/// How the points are laid.
+/// Sampling method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Independently of each other.
+    /// Independent random points.
     Random,
-    /// Each coordinate once in each of as many equal parts as there are flights (McKay, Beckman and Conover, Technometrics 21, 1979).
+    /// Latin hypercube: each coordinate has one point in each of as many equal parts as there are flights (McKay,
+    /// Beckman and Conover, Technometrics 21, 1979).
     LatinHypercube,
     /// Sobol's sequence, scrambled after Owen (Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020).
     Sobol,
     /// Every combination of the levels.
     Grid,
-    /// Where failures are frequent, each flight with its weight.
+    /// Importance sampling: more points where failures are frequent, each flight with its weight.
     Importance,
 }
 
 impl Method {
-    /// The word as a campaign file has it.
+    /// The method's word in a campaign file.
     pub fn word(self) -> &'static str {
         match self {
             Self::Random => "random",
@@ -36,27 +37,27 @@ impl Method {
         }
     }
 
-    /// Whether the first so many flights are a sample like the whole: only then may a campaign stop early.
+    /// Whether the first flights are a sample like the whole: only then may a campaign stop early.
     pub fn may_stop_early(self) -> bool {
         matches!(self, Self::Random | Self::Sobol)
     }
 }
 
-/// Points that the scrambled sequence has.
+/// Number of points of the scrambled sequence.
 const MOST_SOBOL: u64 = 1 << 16;
 
-/// Most points of a grid, and of a Latin hypercube, whose permutations are held.
+/// Most points of a grid, and of a Latin hypercube, whose permutations are stored.
 const MOST_LAID: u64 = 10_000_000;
 
-/// Why the points cannot be laid.
+/// The reason why points cannot be generated.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DrawError {
-    /// A grid needs to know how many values a key takes.
+    /// A grid needs a number of values for every key.
     #[error(
         "on a grid the key {0} needs discrete values: `among`, `integers`, or `uniform` with `levels` of at least 2"
     )]
     NoLevels(String),
-    /// The sequence or the memory ends.
+    /// The sequence or the memory does not suffice.
     #[error(
         "{method} supports at most {most} flights, not {flights}: use \"random\", or several campaigns with different seeds"
     )]
@@ -65,12 +66,12 @@ pub enum DrawError {
         method: &'static str,
         /// Most flights.
         most: u64,
-        /// What was asked for.
+        /// Requested number of flights.
         flights: u64,
     },
 }
 
-/// Lays the points.
+/// Generator of the points.
 #[derive(Debug, Clone)]
 pub(crate) struct Draw {
     seed: u64,
@@ -81,10 +82,10 @@ pub(crate) struct Draw {
 #[derive(Debug, Clone)]
 enum Kind {
     Random,
-    /// For each coordinate, the part of each flight.
+    /// For each coordinate, the index of the part of each flight.
     LatinHypercube(Vec<Vec<u32>>),
     Sobol,
-    /// For each quantity, its values.
+    /// For each quantity, its values on the grid.
     Grid(Vec<Vec<Value>>),
     Importance(Importance),
 }
@@ -105,7 +106,7 @@ impl Draw {
         let coordinates: usize = quantities.iter().map(Quantity::coordinates).sum();
         let (kind, flights) = match method {
             Method::Random => (Kind::Random, asked),
-            // Without centre and spread, the draws are those of nature, each of weight 1.
+            // Without centre and spread, the draws follow the nominal distribution, each with weight 1.
             Method::Importance => (importance.map_or(Kind::Random, Kind::Importance), asked),
             Method::Sobol => {
                 within(MOST_SOBOL)?;
@@ -175,7 +176,7 @@ impl Draw {
             .collect()
     }
 
-    /// How much a flight counts, where flights count differently.
+    /// Weight of a flight, where flights have different weights.
     pub(crate) fn weight(&self, flight: u64) -> Option<f64> {
         match &self.kind {
             Kind::Importance(importance) => {
@@ -185,13 +186,13 @@ impl Draw {
         }
     }
 
-    /// The point of a flight in the unit cube; that of a grid has no meaning.
+    /// The point of a flight in the unit cube; it has no meaning for a grid.
     pub(crate) fn point(&self, flight: u64, coordinates: usize) -> Vec<f64> {
         if let Kind::Importance(importance) = &self.kind {
             let point = importance.point(&mut stream(self.seed, (1 << 32) + flight)).0;
             return point.into_iter().map(|p| p.clamp(f64::EPSILON, 1.0 - f64::EPSILON)).collect();
         }
-        // Beside the streams of the permutations.
+        // These streams are separate from those of the permutations.
         let mut within = stream(self.seed, (1 << 32) + flight);
         (0..coordinates)
             .map(|coordinate| match &self.kind {

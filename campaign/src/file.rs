@@ -13,13 +13,13 @@ use crate::source::Answer;
 use crate::table::Table;
 use crate::variation::{WrittenVariation, found, quantity};
 
-/// What is wrong in a campaign file, and where.
+/// An error in a campaign file, with its place.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: {message}")]
 pub struct CampaignError {
     /// File and line.
     pub place: String,
-    /// What is wrong, what was expected, what to do.
+    /// The error, the expectation, and the remedy.
     pub message: String,
 }
 
@@ -39,12 +39,12 @@ struct WrittenCampaign {
     #[serde(default)]
     vary: Vec<Spanned<WrittenVariation>>,
     importance: Option<WrittenImportance>,
-    /// What [`Campaign::open`] put in of the files that `found` names.
+    /// Contents of the files that `found` names, which [`Campaign::open`] inserted.
     #[serde(default)]
     sources: BTreeMap<String, String>,
 }
 
-/// The files that a campaign names, whatever else it says.
+/// The file names in a campaign file; all other keys are ignored.
 #[derive(Debug, Default, Deserialize)]
 struct Named {
     #[serde(default)]
@@ -66,33 +66,33 @@ fn one() -> u64 {
     1
 }
 
-/// A campaign: a launch file, what varies in it, and how many times it is flown.
+/// A campaign: a launch file, the quantities that vary, and the number of flights.
 #[derive(Debug, Clone)]
 pub struct Campaign {
-    /// The file as text, with what was read of other files.
+    /// Text of the file, with the data that were read from other files.
     pub text: String,
     /// Launch file: a built-in name, or a path relative to the campaign file.
     pub launch: String,
-    /// What every flight sets, as `--set` takes it.
+    /// Settings of every flight, in the form of `--set`.
     pub set: Vec<String>,
-    /// Effects that follow those of the launch file, as `[[effects]]` in TOML; empty without any.
+    /// Effects that are added after those of the launch file, as `[[effects]]` in TOML; may be empty.
     pub effects: String,
-    /// How the points are laid.
+    /// Sampling method.
     pub method: Method,
     /// Seed of the draws.
     pub seed: u64,
     quantities: Vec<Quantity>,
-    /// Keys of what was found elsewhere, and their place: `added.0.value` and the like.
+    /// Keys of values found by other commands, and their location: `added.0.value` and the like.
     names: BTreeMap<String, String>,
     draw: Draw,
 }
 
-/// What stands before the number of an effect of the campaign's own, for example `added.0.factor`.
+/// Prefix of the number of an effect of the campaign's own, for example `added.0.factor`.
 const ADDED: &str = "added.";
 
 impl Campaign {
-    /// Reads a campaign file, and the answers of identify and diagnose that it names, relative to its folder. Their part is put
-    /// behind the text, so that the text alone is the campaign from then on.
+    /// Reads a campaign file, and the answers of identify and diagnose that it names, relative to its folder. The
+    /// data used from them are appended to the text, so that the text alone is the campaign from then on.
     ///
     /// # Errors
     /// As [`Campaign::parse`], and for files that cannot be read, by name.
@@ -101,7 +101,7 @@ impl Campaign {
         let fail = |message: String| CampaignError { place: origin.clone(), message };
         let mut text = std::fs::read_to_string(path)
             .map_err(|e| fail(format!("the campaign file cannot be read: {e}")))?;
-        // What is no TOML is told by `parse`, with its line.
+        // Invalid TOML is reported by `parse`, with its line.
         let named: Named = toml::from_str(&text).unwrap_or_default();
         let mut sources = toml::Table::new();
         for file in named.vary.into_iter().filter_map(|variation| variation.found) {
@@ -121,10 +121,10 @@ impl Campaign {
         Self::parse(&origin, &text)
     }
 
-    /// Reads the text of a campaign file; `origin` is what messages call it.
+    /// Reads the text of a campaign file; `origin` is its name in messages.
     ///
     /// # Errors
-    /// For what is no TOML, unknown keys, and numbers that make no distribution, with the line.
+    /// For invalid TOML, unknown keys, and numbers that give no distribution, with the line.
     pub fn parse(origin: &str, text: &str) -> Result<Self, CampaignError> {
         let line = |at: usize| 1 + text.bytes().take(at).filter(|&b| b == b'\n').count();
         let fail = |at: usize, message: String| CampaignError {
@@ -194,34 +194,36 @@ impl Campaign {
         })
     }
 
-    /// How many flights it has; they are numbered from 0.
+    /// Number of flights; they are numbered from 0.
     pub fn flights(&self) -> u64 {
         self.draw.flights()
     }
 
-    /// The keys that vary, as they are written, and their units.
+    /// The keys that vary, as written in the file, and their units.
     pub fn keys(&self) -> Vec<(String, String)> {
         self.quantities.iter().flat_map(|q| q.keys.iter().cloned().zip(q.units())).collect()
     }
 
-    /// How much flight `number` counts; `None` where all count alike.
+    /// Weight of flight `number`; `None` where all flights have the same weight.
     pub fn weight(&self, number: u64) -> Option<f64> {
         self.draw.weight(number)
     }
 
-    /// What flight `number` draws, in the order of [`Campaign::keys`].
+    /// The values drawn for flight `number`, in the order of [`Campaign::keys`].
     pub fn values(&self, number: u64) -> Vec<Value> {
         self.draw.values(number, &self.quantities)
     }
 
-    /// What flight `number` draws, each with the key that it has where the launch file has `own_effects` effects of its own.
+    /// The values drawn for flight `number`, each with its key in a launch file that has `own_effects` effects of
+    /// its own.
     pub fn drawn(&self, number: u64, own_effects: usize) -> Vec<(String, Value)> {
         let keys = self.quantities.iter().flat_map(|q| &q.keys);
         let place = |key: &String| placed(self.names.get(key).unwrap_or(key), own_effects);
         keys.map(place).zip(self.values(number)).collect()
     }
 
-    /// All that flight `number` sets, each as `--set` takes it, where the launch file has `own_effects` effects of its own.
+    /// All settings of flight `number` in the form of `--set`, for a launch file that has `own_effects` effects of
+    /// its own.
     pub fn assignments(&self, number: u64, own_effects: usize) -> Vec<String> {
         let drawn = self.drawn(number, own_effects).into_iter().map(|(key, value)| format!("{key}={value}"));
         self.set.iter().cloned().chain(drawn).collect()
@@ -232,7 +234,7 @@ fn beside(path: &Path, file: &str) -> PathBuf {
     path.parent().unwrap_or(Path::new("")).join(file)
 }
 
-/// Where the flights of an earlier campaign broke a limit.
+/// Points at which the flights of an earlier campaign violated a limit.
 fn failures(path: &Path) -> Result<Failures, String> {
     let table = Table::read(path).map_err(|e| e.to_string())?;
     let campaign = Campaign::parse("its campaign file", &table.info.text).map_err(|e| e.to_string())?;
@@ -253,7 +255,7 @@ fn failures(path: &Path) -> Result<Failures, String> {
     })
 }
 
-/// How method "importance" draws these quantities.
+/// The draws of these quantities under method "importance".
 fn tilted(
     written: &WrittenImportance,
     sources: &BTreeMap<String, String>,
@@ -280,7 +282,7 @@ fn tilted(
     Importance::new(written, failures.as_ref(), &continuous)
 }
 
-/// The key with the number that an added effect has behind those of the launch file.
+/// The key with the number of an added effect after those of the launch file.
 fn placed(key: &str, own_effects: usize) -> String {
     let Some((number, rest)) = key.strip_prefix(ADDED).and_then(|rest| rest.split_once('.')) else {
         return key.into();

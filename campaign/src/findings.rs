@@ -1,4 +1,4 @@
-//! What the flights say together.
+//! Statistics of the flights of a campaign.
 
 use serde::Serialize;
 use statrs::statistics::{Data, OrderStatistics};
@@ -8,57 +8,57 @@ use crate::proportion::Proportion;
 use crate::quantity::Value;
 use crate::table::{Columns, Ended, FigureColumn, Flight, Table, WEIGHT};
 
-/// Flights that are named as the worst.
+/// Number of flights that are listed as the worst.
 const WORST: usize = 10;
 
-/// Keys that are named for a figure.
+/// Number of keys that are listed per figure.
 const MOST_SENSITIVITIES: usize = 3;
 
-/// What the flights of a campaign say together.
+/// Statistics of the flights of a campaign.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Findings {
-    /// Flights that did not end within all limits.
+    /// Share of the flights that violated a limit or did not end.
     pub violated: Proportion,
-    /// Flights that did not come to their end.
+    /// Share of the flights that did not reach their end.
     pub failed: Proportion,
-    /// Each limit.
+    /// Statistics of each limit.
     pub limits: Vec<LimitFindings>,
-    /// Each figure that varies.
+    /// Statistics of each figure that varies.
     pub figures: Vec<FigureFindings>,
     /// The worst flights, worst first: by the greatest figure in parts of its limit.
     pub worst: Vec<Worst>,
 }
 
-/// How often a limit was broken.
+/// How often a limit was violated.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LimitFindings {
     /// Key of the expectation.
     pub key: String,
     /// The limit, SI.
     pub limit: f64,
-    /// Of the flights that came to their end.
+    /// Share of the completed flights that violated the limit.
     pub violated: Proportion,
 }
 
-/// How a figure is distributed.
+/// Distribution of a figure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FigureFindings {
     /// Key of the figure.
     pub key: String,
     /// SI unit.
     pub unit: String,
-    /// Symbol of the unit in which people are shown it.
+    /// Symbol of the unit in which it is shown.
     #[serde(skip)]
     pub shown: String,
-    /// Flights in which it has a value.
+    /// Number of flights in which it has a value.
     pub count: u64,
     /// Quantiles 0, 5, 50, 95 and 100 %.
     pub quantiles: [f64; 5],
-    /// What moves it most.
+    /// Keys that move it most.
     pub sensitivities: Vec<Sensitivity>,
 }
 
-/// How much a key moves a figure.
+/// Sensitivity of a figure to a key.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Sensitivity {
     /// The key.
@@ -67,20 +67,21 @@ pub struct Sensitivity {
     pub rank_correlation: f64,
 }
 
-/// A flight that is worth a look.
+/// One of the worst flights.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Worst {
     /// Its number.
     pub flight: u64,
-    /// The limit that it came closest to, or broke most.
+    /// The limit that the flight violated most or came closest to.
     pub key: String,
-    /// Its figure in parts of the limit; `None` when there was no figure, because it never recovered or ended early.
+    /// Its figure as a multiple of the limit; `None` without a figure, because the output never recovered or the
+    /// flight ended early.
     pub of_limit: Option<f64>,
-    /// How it ended, where it did not come to its end.
+    /// How the flight ended, if it did not reach its end.
     pub ended: Option<String>,
 }
 
-/// Numbers of a key in all flights; words are numbered as they come in the alphabet.
+/// Values of a key as numbers in all flights; words are numbered in alphabetical order.
 pub(crate) fn numbers(flights: &[Flight], key: usize) -> Vec<f64> {
     let mut words: Vec<&str> = flights
         .iter()
@@ -98,14 +99,14 @@ pub(crate) fn numbers(flights: &[Flight], key: usize) -> Vec<f64> {
 }
 
 impl Findings {
-    /// Of all flights of a table.
+    /// Statistics of all flights of a table.
     pub fn of(table: &Table) -> Self {
         let (flights, columns) = (&table.flights, &table.info.columns);
         let count = |is: &dyn Fn(&Flight) -> bool| flights.iter().filter(|f| is(f)).count() as u64;
         let all = flights.len() as u64;
         let flown = count(&|f| f.ended == Ended::Complete);
         let weights = weights(table);
-        // Of weighted flights all count, because a share of those that ended would be biased.
+        // With weights all flights count, because a share among the completed ones would be biased.
         let proportion = |is: &dyn Fn(&Flight) -> bool, of: u64| match &weights {
             None => Proportion::new(count(is), of),
             Some(weights) => {
@@ -133,7 +134,7 @@ impl Findings {
     }
 }
 
-/// How often the first so many flights did not end within all limits.
+/// Share of the first `first` flights that violated a limit or did not end.
 pub fn violated(table: &Table, first: usize) -> Proportion {
     let flights = &table.flights[..first.min(table.flights.len())];
     let of = flights.len() as u64;
@@ -144,13 +145,13 @@ pub fn violated(table: &Table, first: usize) -> Proportion {
     Proportion::weighted(&broken.collect::<Vec<_>>(), of, weights.iter().copied().fold(1.0, f64::max))
 }
 
-/// How much each flight counts; `None` where all count alike.
+/// Weights of the flights; `None` where all are the same.
 fn weights(table: &Table) -> Option<Vec<f64>> {
     let at = table.info.columns.figures.iter().position(|figure| figure.key == WEIGHT)?;
     Some(table.flights.iter().map(|f| f.figures.get(at).copied().flatten().unwrap_or(1.0)).collect())
 }
 
-/// The value that a share of the weight of all does not exceed.
+/// Weighted quantile: the value that the given share of the total weight does not exceed.
 fn weighted_quantile(values: &[(f64, f64)], share: f64) -> f64 {
     let all: f64 = values.iter().map(|(_, weight)| weight).sum();
     let mut below = 0.0;
@@ -178,7 +179,7 @@ fn figure(table: &Table, draws: &[Vec<f64>], weights: Option<&[f64]>, at: usize)
         weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
         let FigureColumn { key, unit, shown } = columns.figures[at].clone();
         let quantiles = [0.0, 0.05, 0.5, 0.95, 1.0].map(|share| weighted_quantile(&weighted, share));
-        // Ranks of draws that are not those of nature say nothing of nature.
+        // Ranks of draws from another distribution do not describe the nominal one.
         return Some(FigureFindings { key, unit, shown, count, quantiles, sensitivities: Vec::new() });
     }
     let mut known = Data::new(known);
@@ -198,7 +199,8 @@ fn figure(table: &Table, draws: &[Vec<f64>], weights: Option<&[f64]>, at: usize)
     Some(FigureFindings { key, unit, shown, count, quantiles, sensitivities })
 }
 
-/// The flights by the greatest figure in parts of its limit, those without a figure first.
+/// The flights in the order of their greatest figure as a multiple of its limit; those without a figure come
+/// first.
 fn worst(flights: &[Flight], columns: &Columns) -> Vec<Worst> {
     let places: Vec<Option<usize>> = columns
         .limits

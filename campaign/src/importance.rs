@@ -1,18 +1,20 @@
-//! Rare failures: flights are drawn where failures are frequent, and each counts with how much less likely it is than drawn.
+//! Importance sampling for rare failures: flights are drawn where failures are frequent, and each is weighted with
+//! the ratio of its nominal probability to that of its draw.
 //!
-//! Importance sampling (Rubinstein and Kroese, Simulation and the Monte Carlo Method, 2017, section 5.7). Every key that is
-//! drawn from a continuous distribution has a standard normal coordinate; there the draws come from a normal distribution of
-//! another centre and spread, and, for a share of the flights, from the nominal one (a defensive mixture: Hesterberg,
-//! Technometrics 37, 1995), so that no flight counts more than the inverse of that share. The mean of the weights of the
-//! flights that fail is an unbiased estimate of the probability, whatever centre and spread are. These come from an earlier
-//! campaign's failures by the cross-entropy method (Rubinstein, Methodology and Computing in Applied Probability 1, 1999).
+//! Sources: Rubinstein and Kroese, Simulation and the Monte Carlo Method, 2017, section 5.7. Every key that is
+//! drawn from a continuous distribution has a standard normal coordinate. There the draws come from a normal
+//! distribution of another centre and spread and, for a share of the flights, from the nominal one (a defensive
+//! mixture: Hesterberg, Technometrics 37, 1995), so that no weight exceeds the inverse of that share. The mean of
+//! the weights of the flights that fail is an unbiased estimate of the probability for any centre and spread.
+//! These come from an earlier campaign's failures by the cross-entropy method (Rubinstein, Methodology and
+//! Computing in Applied Probability 1, 1999).
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// Share of the flights that are drawn as they are in nature.
+/// Share of the flights that are drawn from the nominal distribution.
 const NOMINAL: f64 = 0.2;
 
 /// Spread of the draws without an earlier campaign.
@@ -21,10 +23,10 @@ const SPREAD: f64 = 2.0;
 /// Least and greatest spread that an earlier campaign may lead to.
 const SPREADS: (f64, f64) = (0.7, 3.0);
 
-/// Failures that an earlier campaign must have.
+/// Number of failures that an earlier campaign must have.
 const LEAST_FAILURES: usize = 10;
 
-/// What a campaign file says of it.
+/// The section on importance sampling in a campaign file.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct WrittenImportance {
@@ -34,7 +36,7 @@ pub(crate) struct WrittenImportance {
     pub after: Option<String>,
 }
 
-/// Where an earlier campaign failed, in standard normal coordinates.
+/// Failures of an earlier campaign, in standard normal coordinates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Failures {
     /// Its keys and their units.
@@ -58,19 +60,20 @@ impl Failures {
     }
 }
 
-/// How the coordinates are drawn.
+/// Distribution of the coordinates.
 #[derive(Debug, Clone)]
 pub(crate) struct Importance {
     nominal: f64,
-    /// Centre and spread of each coordinate; `None` for one that is drawn as it is in nature, such as a seed.
+    /// Centre and spread of each coordinate; `None` for one that is drawn from its nominal distribution, such
+    /// as a seed.
     normals: Vec<Option<(f64, f64)>>,
 }
 
 impl Importance {
-    /// `continuous` says of each coordinate whether its key is drawn from a continuous distribution.
+    /// `continuous` states for each coordinate whether its key is drawn from a continuous distribution.
     ///
     /// # Errors
-    /// A sentence on what cannot be.
+    /// A sentence on a combination that is not possible.
     pub fn new(
         written: &WrittenImportance,
         failures: Option<&Failures>,
@@ -98,7 +101,7 @@ impl Importance {
         Ok(Self { nominal, normals })
     }
 
-    /// A point of the unit cube, and how much it counts.
+    /// A point of the unit cube, and its weight.
     pub fn point(&self, rng: &mut ChaCha8Rng) -> (Vec<f64>, f64) {
         let as_in_nature = rng.random::<f64>() < self.nominal;
         let mut ratio = 1.0;
@@ -107,7 +110,7 @@ impl Importance {
             let Some((centre, spread)) = *coordinate else { return p };
             let z = if as_in_nature { normal(p) } else { centre + spread * normal(p) };
             let from_centre = (z - centre) / spread;
-            // Density of the draws over that of nature.
+            // Ratio of the density of the draws to the nominal density.
             ratio *= (0.5 * (z * z - from_centre * from_centre)).exp() / spread;
             Normal::standard().cdf(z)
         });
@@ -171,7 +174,8 @@ mod tests {
         (0..200).map(one).collect()
     }
 
-    /// The mean of many campaigns is the known probability, and their intervals hold it as often as they say.
+    /// The mean of many campaigns is the known probability, and their intervals contain it as often as
+    /// stated.
     fn hold(all: &[Proportion], truth: f64) {
         let n = all.len() as f64;
         let mean = all.iter().map(|p| p.share).sum::<f64>() / n;
@@ -202,13 +206,13 @@ mod tests {
         let more = "method = \"importance\"\n[importance]\nafter = \"pilot.parquet\"\n";
         let one = |seed| {
             std::fs::write(&path, campaign(300, seed, more)).unwrap();
-            // The text alone is the campaign: a part is joined without the pilot's table.
+            // The text alone is the campaign: a part is joined without the pilot campaign's table.
             let text = Campaign::open(&path).unwrap().text;
             Findings::of(&flown(&text, threshold)).violated
         };
         let all: Vec<Proportion> = (0..200).map(one).collect();
         hold(&all, truth);
-        // 300 flights tell it to an eighth; brute force would need seven million for that.
+        // 300 flights estimate it to an eighth; plain sampling would need seven million for that.
         assert!(all.iter().all(|p| p.high < 4.0 * truth && p.high > 0.0), "{truth}");
     }
 

@@ -1,8 +1,8 @@
-//! Many flights of one launch file: what varies between them, and what they say together.
+//! Campaigns of many flights of one launch file: the quantities that vary, and the statistics of the flights.
 //!
-//! A [`Campaign`] is read from its file; it draws for every flight, by the flight's number alone, the values of the keys that
-//! vary. Who flies them gives back [`Flight`]s, which [`Table`] keeps in a Parquet file and [`Findings`] sums up. Nothing here
-//! flies: the room knows neither launch files nor vehicles.
+//! A [`Campaign`] is read from its file. For every flight it draws the values of the varying keys, by the flight's
+//! number alone. The caller flies them and returns [`Flight`]s, which [`Table`] stores in a Parquet file and
+//! [`Findings`] summarises. This room flies nothing and knows neither launch files nor vehicles.
 
 mod correlation;
 mod draw;

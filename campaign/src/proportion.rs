@@ -1,4 +1,4 @@
-//! How often something happened, with its interval.
+//! Proportions of events, with confidence intervals.
 
 use serde::Serialize;
 use statrs::distribution::{Beta, Binomial, ChiSquared, ContinuousCDF, DiscreteCDF, Normal};
@@ -10,9 +10,9 @@ use statrs::distribution::{Beta, Binomial, ChiSquared, ContinuousCDF, DiscreteCD
 /// everything happened: there the score interval is too short.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Proportion {
-    /// How often it happened.
+    /// Number of events.
     pub count: u64,
-    /// Of so many.
+    /// Number of trials.
     pub of: u64,
     /// Share, 0 to 1; 0 without trials.
     pub share: f64,
@@ -25,9 +25,10 @@ pub struct Proportion {
 /// Probability outside the interval.
 const ALPHA: f64 = 0.05;
 
-/// Whether something certainly happens more often under one condition than under another, when every trial saw both: it
-/// happened under the first alone on `first` trials, under the second alone on `second`. McNemar's exact test, two-sided at 5 %
-/// (McNemar, Psychometrika 12, 1947): if neither mattered, either would be as likely on each of these.
+/// Whether an event is significantly more frequent under one condition than under another, when every trial was
+/// made under both. It occurred only under the first on `first` trials, and only under the second on `second`.
+/// McNemar's exact test, two-sided at 5 % (McNemar, Psychometrika 12, 1947): under the null hypothesis either is
+/// equally likely on each of these trials.
 pub fn more_often_in_pairs(first: u64, second: u64) -> bool {
     first > second && Binomial::new(0.5, first + second).is_ok_and(|either| 2.0 * either.cdf(second) < ALPHA)
 }
@@ -44,10 +45,11 @@ impl Proportion {
         Self { count, of, share, low, high }
     }
 
-    /// Probability of what happened in trials of these weights, of `of` trials none of which can weigh more than `most`.
+    /// Probability of an event, from the weights of the trials in which it occurred, out of `of` trials with
+    /// weights of at most `most`.
     ///
-    /// The interval for a weighted sum of Poisson counts (Fay and Feuer, Statistics in Medicine 16, 1997), which is exact for
-    /// equal weights of a rare event and rather too wide for others.
+    /// The interval for a weighted sum of Poisson counts (Fay and Feuer, Statistics in Medicine 16, 1997), which
+    /// is exact for equal weights of a rare event and conservative for others.
     pub fn weighted(weights: &[f64], of: u64, most: f64) -> Self {
         let n = of.max(1) as f64;
         let share = weights.iter().sum::<f64>() / n;

@@ -1,4 +1,4 @@
-//! What varies, and what is drawn of it.
+//! Quantities that vary, and the values drawn for them.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// A number as a launch file has it: with a unit, or without one.
+/// A number in the form of a launch file, with or without a unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Written")]
 pub struct Number {
@@ -55,7 +55,7 @@ impl FromStr for Number {
     }
 }
 
-/// What a key is set to in one flight.
+/// The value of a key in one flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Value {
@@ -68,7 +68,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// The value as a number, in the unit that the campaign file has; `None` for a word.
+    /// The value as a number, in the unit of the campaign file; `None` for a word.
     pub fn number(&self) -> Option<f64> {
         match self {
             Self::Whole(value) => Some(*value as f64),
@@ -79,7 +79,7 @@ impl Value {
 }
 
 impl fmt::Display for Value {
-    /// As the right side of `--set KEY=VALUE`, to the last digit.
+    /// The value as the right side of `--set KEY=VALUE`, with all digits.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Whole(value) => write!(f, "{value}"),
@@ -94,14 +94,14 @@ impl fmt::Display for Value {
 /// A continuous distribution of one number.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Spread {
-    /// Evenly between two numbers of one unit.
+    /// Uniform between two numbers of one unit.
     Uniform {
         /// The ends.
         ends: [f64; 2],
         /// Their unit.
         unit: String,
     },
-    /// By a normal distribution.
+    /// Normal distribution.
     Normal {
         /// Mean.
         mean: f64,
@@ -118,7 +118,7 @@ impl Spread {
         unit
     }
 
-    /// The value of which a share `p` of all draws lies below.
+    /// The quantile `p`: a share `p` of all draws is below it.
     fn at(&self, p: f64) -> Value {
         match self {
             Self::Uniform { ends: [low, high], .. } => self.number(low + p * (high - low)),
@@ -126,7 +126,7 @@ impl Spread {
         }
     }
 
-    /// The value where the standard normal number behind it is `z`.
+    /// The value for the standard normal number `z`.
     fn at_standard(&self, z: f64) -> Value {
         match self {
             Self::Uniform { .. } => self.at(Normal::standard().cdf(z)),
@@ -139,44 +139,45 @@ impl Spread {
     }
 }
 
-/// How one key, or several together, vary.
+/// The variation of one key, or of several keys together.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Variation {
-    /// One key, by itself.
+    /// One key, independent of others.
     One(Spread),
-    /// Several keys that hang together: each has its own distribution, and a joint normal one lies behind all of them (a Gaussian
-    /// copula: Cario and Nelson, INFORMS Journal on Computing 1997, "NORTA"). Of normal ones it is their joint distribution.
+    /// Several correlated keys: each has its own marginal distribution, linked by a joint normal distribution (a
+    /// Gaussian copula: Cario and Nelson, INFORMS Journal on Computing 1997, "NORTA"). For normal marginals it is
+    /// their joint distribution.
     Joint {
-        /// Of each key.
+        /// Marginal distribution of each key.
         each: Vec<Spread>,
         /// Lower root of the correlations (keys x keys).
         root: DMatrix<f64>,
     },
-    /// Whole numbers, each as often as any other, both ends with them.
+    /// Whole numbers with equal probability, including both ends.
     Integers {
         /// First and last.
         ends: [i64; 2],
     },
-    /// One of these, each as often as any other.
+    /// One of these values with equal probability.
     Among {
         /// The values.
         values: Vec<Value>,
     },
 }
 
-/// Keys of the launch file and how they vary.
+/// Keys of the launch file and their variation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quantity {
     /// Keys as `--set` takes them; more than one for [`Variation::Joint`] only.
     pub keys: Vec<String>,
-    /// How.
+    /// The variation of the keys.
     pub variation: Variation,
-    /// So many values on a grid.
+    /// Number of values on a grid.
     pub levels: Option<usize>,
 }
 
 impl Quantity {
-    /// Coordinates of a point that it uses.
+    /// Number of coordinates of a point that it uses.
     pub fn coordinates(&self) -> usize {
         self.keys.len()
     }
@@ -219,7 +220,7 @@ impl Quantity {
         }
     }
 
-    /// The values of a grid, in order; `None` where it does not say how many.
+    /// The values on a grid, in order; `None` where their number is not stated.
     pub fn grid(&self) -> Option<Vec<Value>> {
         match (&self.variation, self.levels) {
             (Variation::Among { values }, None) => Some(values.clone()),

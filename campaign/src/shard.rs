@@ -1,4 +1,4 @@
-//! Parts of many flights or trials: which belongs to which, and whether all are there.
+//! Parts of many flights or trials: the assignment of numbers to parts, and the check for completeness.
 
 use std::collections::BTreeSet;
 
@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 /// A part of a campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Shard {
-    /// Which part, from 1.
+    /// Number of the part, from 1.
     pub part: u64,
-    /// Of so many.
+    /// Number of parts.
     pub of: u64,
 }
 
-/// Why parts do not make a whole.
+/// The reason why parts do not make a whole.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PartsError {
     /// No part at all.
@@ -41,7 +41,7 @@ pub enum PartsError {
 }
 
 impl Shard {
-    /// What is not parted.
+    /// The only part of an undivided whole.
     const WHOLE: Self = Self { part: 1, of: 1 };
 
     /// Whether the flight of this number belongs to the part.
@@ -49,10 +49,10 @@ impl Shard {
         flight % self.of == self.part - 1
     }
 
-    /// Checks that the parts in these files make one whole; `None` is a file that is not parted.
+    /// Checks that the parts in these files make one whole; `None` stands for a file that is not a part.
     ///
     /// # Errors
-    /// When a part is missing, there twice, or one of another number of parts.
+    /// When a part is missing, duplicate, or one of another number of parts.
     pub fn check_whole(parts: &[(&str, Option<Self>)]) -> Result<(), PartsError> {
         let of = parts.first().ok_or(PartsError::None)?.1.unwrap_or(Self::WHOLE).of;
         let mut seen = BTreeSet::new();

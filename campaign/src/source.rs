@@ -1,5 +1,5 @@
-//! What other commands found out, as what varies: parameters with their covariance as `identify` answers them, effects with
-//! their intervals as `diagnose` does.
+//! Results of other commands as varying quantities: parameters with their covariance from `identify`, effects with
+//! their intervals from `diagnose`.
 
 use std::collections::BTreeMap;
 
@@ -12,13 +12,15 @@ use crate::together::{Correlations, key, together};
 const IDENTIFICATION: &str = "whirlstand.identification.v1";
 const DIAGNOSIS: &str = "whirlstand.diagnosis.v1";
 
-/// Standard deviations from the middle to either end of an interval that holds 95 %.
+/// Standard deviations from the centre to either end of an interval that holds 95 %.
 const NINETY_FIVE: f64 = 1.96;
 
-/// Standard deviations within which a parameter whose interval has one sign must keep it, or it is drawn evenly.
+/// Number of standard deviations within which a parameter whose interval has one sign must keep that sign;
+/// otherwise it is drawn uniformly.
 const WITHIN: f64 = 5.0;
 
-/// What is kept of an answer: enough to draw from it, and small enough to travel with every part of a campaign.
+/// The data that are kept of an answer: enough to draw from it, and small enough to be stored with every part
+/// of a campaign.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Answer {
     schema: String,
@@ -60,14 +62,14 @@ struct Estimate {
     unit: String,
 }
 
-/// What a source adds to a campaign.
+/// Additions of a source to a campaign.
 #[derive(Debug, Default)]
 pub(crate) struct Added {
     /// Effects, as tables of `[[effects]]`.
     pub effects: Vec<toml::Table>,
-    /// Keys by which the parameters of these effects are known, with the effect's index among `effects` and the parameter.
+    /// Names of the parameters of these effects, with the effect's index in `effects` and the parameter.
     pub names: Vec<(String, usize, String)>,
-    /// How they vary.
+    /// Variation of these parameters.
     pub quantities: Vec<Quantity>,
 }
 
@@ -85,16 +87,17 @@ impl Answer {
         }
     }
 
-    /// The same in one line.
+    /// The answer as JSON in one line.
     pub fn to_json(&self) -> String {
         // Strings and finite numbers: nothing that JSON cannot hold.
         serde_json::to_string(self).unwrap_or_default()
     }
 
-    /// What it adds: all of it, or what `only` names. `widen` multiplies standard deviations.
+    /// The additions to a campaign: all parameters, or those that `only` names. `widen` multiplies standard
+    /// deviations.
     ///
     /// # Errors
-    /// A sentence on what cannot be drawn.
+    /// A sentence on a parameter that cannot be drawn.
     pub fn added(&self, only: &[String], widen: Option<f64>) -> Result<Added, String> {
         if widen.is_some_and(|factor| !(factor > 0.0 && factor.is_finite())) {
             return Err("`widen` must be above 0".into());
@@ -196,8 +199,8 @@ impl Answer {
 }
 
 impl Estimate {
-    /// A normal distribution over the interval; an even one where a normal one could lose the sign that the interval has, as
-    /// that of a delay. `None` without an interval.
+    /// A normal distribution from the interval, or a uniform one where a normal one could lose the sign of the
+    /// interval, such as that of a delay. `None` without an interval.
     fn spread(&self, widen: f64) -> Option<Spread> {
         let std = widen * (self.high - self.low) / (2.0 * NINETY_FIVE);
         if !(std > 0.0 && std.is_finite()) {

@@ -1,4 +1,4 @@
-//! What was flown, as a table in a Parquet file: a row for each flight.
+//! The flights of a campaign as a table in a Parquet file, one row per flight.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -27,9 +27,9 @@ const UNITS: &str = "whirlstand.units";
 /// How a flight ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Ended {
-    /// At its last step.
+    /// The flight reached its last step.
     Complete,
-    /// Before; why.
+    /// The flight ended earlier, for this reason.
     Failed(String),
 }
 
@@ -38,24 +38,24 @@ pub enum Ended {
 pub struct Flight {
     /// Its number, from 0.
     pub number: u64,
-    /// What it drew, in the order of the columns.
+    /// The drawn values, in the order of the columns.
     pub values: Vec<Value>,
     /// How it ended.
     pub ended: Ended,
-    /// Whether each limit holds, in the order of the columns; empty where it did not fly to its end.
+    /// Whether each limit holds, in the order of the columns; empty where the flight did not reach its end.
     pub holds: Vec<bool>,
     /// The figures, SI, one for each column; `None` for one without a value.
     pub figures: Vec<Option<f64>>,
 }
 
 impl Flight {
-    /// Whether it flew to its end within all limits.
+    /// Whether the flight reached its end within all limits.
     pub fn is_good(&self) -> bool {
         self.ended == Ended::Complete && self.holds.iter().all(|holds| *holds)
     }
 }
 
-/// What the columns mean.
+/// Meaning of the columns.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Columns {
     /// Keys that vary, with their units as drawn.
@@ -73,23 +73,24 @@ pub struct FigureColumn {
     pub key: String,
     /// SI unit; empty for a pure number.
     pub unit: String,
-    /// Symbol of the unit in which people are shown it.
+    /// Symbol of the unit in which it is shown.
     pub shown: String,
 }
 
-/// Figure under which a flight of method "importance" has its weight.
+/// Key of the figure that holds a flight's weight under method "importance".
 pub const WEIGHT: &str = "weight";
 
-/// Where a table comes from.
+/// Origin of a table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TableInfo {
-    /// Digest of campaign file, launch file, vehicle file and seed: tables with another one are of another campaign.
+    /// Digest of campaign file, launch file, vehicle file and seed. Tables with another digest belong to another
+    /// campaign.
     pub digest: String,
     /// Version of the program.
     pub version: String,
     /// Flights of the whole campaign; fewer where it stopped early.
     pub flights: u64,
-    /// The part that this is; `None` for the whole.
+    /// The part of the campaign in this table; `None` for the whole.
     pub shard: Option<Shard>,
     /// The campaign file.
     pub text: String,
@@ -97,10 +98,10 @@ pub struct TableInfo {
     pub columns: Columns,
 }
 
-/// Why a table cannot be written, read or joined.
+/// The reason why a table cannot be written, read or joined.
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
-    /// The system refuses.
+    /// The operating system refused an access.
     #[error("cannot {doing} {path}: {source}")]
     File {
         /// What was tried.
@@ -110,7 +111,7 @@ pub enum TableError {
         /// Why.
         source: std::io::Error,
     },
-    /// The file is no Parquet, or was cut off.
+    /// The file is not Parquet, or was cut off.
     #[error("{path} cannot be read as Parquet: {reason}")]
     Parquet {
         /// The file.
@@ -147,7 +148,7 @@ impl Table {
     /// [`TableError::File`], [`TableError::Parquet`].
     pub fn write(&self, path: &Path) -> Result<(), TableError> {
         let shown = path.display().to_string();
-        // Whoever reads never sees half a file.
+        // The file is renamed when complete, so that a reader never sees an incomplete one.
         let unfinished = path.with_extension("parquet.part");
         let file = |doing, source| TableError::File { doing, path: shown.clone(), source };
         let sink = File::create(&unfinished).map_err(|e| file("write", e))?;
@@ -262,7 +263,7 @@ impl Table {
     /// Joins all parts of a campaign.
     ///
     /// # Errors
-    /// When a part is missing, there twice, or of another campaign.
+    /// When a part is missing, duplicate, or of another campaign.
     pub fn join(parts: Vec<(String, Self)>) -> Result<Self, TableError> {
         let names: Vec<_> = parts.iter().map(|(path, part)| (path.as_str(), part.info.shard)).collect();
         Shard::check_whole(&names)?;

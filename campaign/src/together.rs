@@ -1,4 +1,4 @@
-//! What hangs together of that which an answer found, and how it is drawn.
+//! Correlations among the parameters of an answer, and joint draws from them.
 
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::correlation::correlation_root;
 use crate::quantity::{Quantity, Spread, Variation};
 
-/// How the errors of the parameters hang together: of an identification row by row, of a diagnosis pair by pair.
+/// Correlations of the parameters' errors: row by row for an identification, pair by pair for a diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub(crate) enum Correlations {
@@ -28,13 +28,13 @@ impl Correlations {
         }
     }
 
-    /// The element of a matrix; not a number where there is none.
+    /// The element of a matrix; NaN where there is none.
     pub fn at(&self, i: usize, j: usize) -> f64 {
         let Self::Matrix(rows) = self else { return f64::NAN };
         rows.get(i).and_then(|row| row.get(j)).copied().unwrap_or(f64::NAN)
     }
 
-    /// That of two parameters by name; a pair that is not listed is independent.
+    /// The correlation of two parameters by name; a pair that is not listed is independent.
     pub fn between(&self, a: &str, b: &str) -> f64 {
         let Self::Pairs(pairs) = self else { return 0.0 };
         let is = |pair: &&Pair| {
@@ -66,12 +66,13 @@ impl Place {
     }
 }
 
-/// How the parameter of a cause is named.
+/// Key of the parameter of a cause.
 pub(crate) fn key(effect: &str, place: &str, parameter: &str) -> String {
     format!("{effect}({place}).{parameter}")
 }
 
-/// Keys that hang together as `correlation` says of two different ones, by their numbers.
+/// A joint quantity of these keys; `correlation` gives the correlation of two different keys by their
+/// indices.
 pub(crate) fn together(
     keys: Vec<String>,
     each: Vec<Spread>,

@@ -1,4 +1,4 @@
-//! How a key varies, as a campaign file says it.
+//! The variation of a key, as written in a campaign file.
 
 use std::collections::BTreeMap;
 
@@ -43,7 +43,7 @@ enum Means {
     Many(Vec<Number>),
 }
 
-/// What another command found, which is drawn from its answer.
+/// Quantities from the answer of another command.
 pub(crate) fn found(written: &WrittenVariation, sources: &BTreeMap<String, String>) -> Result<Added, String> {
     let WrittenVariation { key, keys, uniform, normal, integers, among, levels, found, only, widen } =
         written;
@@ -60,7 +60,7 @@ pub(crate) fn found(written: &WrittenVariation, sources: &BTreeMap<String, Strin
     Answer::parse(answer).and_then(|answer| answer.added(only, *widen)).map_err(told)
 }
 
-/// What varies by the file's own words.
+/// A quantity that the file itself describes.
 pub(crate) fn quantity(written: WrittenVariation) -> Result<Quantity, String> {
     let WrittenVariation { key, keys, uniform, normal, integers, among, levels, found: _, only, widen } =
         written;

@@ -1,9 +1,8 @@
 //! Thresholds of the diagnosis, each with its unit and its source.
 //!
 //! Three kinds have no reference, and are marked by a word:
-//! - *calibrated*: the value that did best on blind trials, which anyone can repeat:
-//!   `whirlstand blind --trials 2000 --seed 8 --length 12:24 --rate 40,50`. They are engineering choices, not theory;
-//!   the effect of a change is to be shown by the same trials with `--generator shifted`.
+//! - *calibrated*: an engineering choice, the value that did best on blind trials (`whirlstand blind --trials 2000
+//!   --seed 8 --length 12:24 --rate 40,50`). A change is to be shown by the same with `--generator shifted`.
 //! - *cost*: bounds the work; a larger value (a finer grid, more starts) gives the same result and takes longer.
 //! - *definition*: defines a word of the answer.
 

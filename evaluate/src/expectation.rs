@@ -22,12 +22,13 @@ pub const BENCH_LIMITS: [(&str, &str); 11] = [
     ("max_restarts", ""),
 ];
 
-/// Greatest share of the steps in failsafe of a realtime run that does not state its own: an operating system without
-/// real-time scheduling takes the processor away now and then for longer than the misses that lead to the failsafe.
+/// Greatest share of the steps in failsafe of a realtime run that does not state its own. An operating system
+/// without real-time scheduling sometimes takes the processor away for longer than the misses that lead to the
+/// failsafe.
 const REALTIME_FAILSAFE_SHARE: f64 = 0.01;
 
-/// The limits that hold for every run, whether stated or not: a run that breaks one was not controlled. `realtime` is
-/// true when the wall clock sets the pace.
+/// The limits that apply to every run, whether stated or not: a run that violates one was not controlled.
+/// `realtime` is true when the wall clock sets the pace.
 pub fn strict_limits(realtime: bool) -> [Expectation; 5] {
     let failsafe_share = if realtime { REALTIME_FAILSAFE_SHARE } else { 0.0 };
     let limit = |key: &str, limit: f64| Expectation { key: key.into(), limit, unit: ShownUnit::default() };
@@ -40,8 +41,8 @@ pub fn strict_limits(realtime: bool) -> [Expectation; 5] {
     ]
 }
 
-/// The limits that hold beside them for every run with a bridge: one in which nobody was in charge, or the pilot, says nothing of
-/// the controller.
+/// The additional limits for every run with a bridge: a run in which nobody or the pilot was in charge shows
+/// nothing of the controller.
 pub fn strict_bridge_limits() -> [Expectation; 2] {
     ["max_disarmed_share", "max_pilot_share"].map(|key| Expectation {
         key: key.into(),
@@ -68,7 +69,7 @@ pub struct CheckedExpectation {
     pub key: String,
     /// The limit, SI.
     pub limit: f64,
-    /// The figure that was found, SI; null when it has no value or was not measured.
+    /// The figure, SI; null when it has no value or was not measured.
     pub found: Option<f64>,
     /// SI unit of `limit` and `found`.
     pub unit: ShownUnit,
@@ -87,14 +88,14 @@ pub fn signal_figures(vehicle: &Vehicle, name: &str) -> Option<Vec<(&'static str
     Some(figures.iter().map(|figure| (*figure, FigureUnit::of(figure, unit))).collect())
 }
 
-/// The unit of a figure of a signal, as the vehicle file's own units have it.
+/// The unit of a figure of a signal, derived from the units in the vehicle file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FigureUnit {
     /// The unit.
     pub unit: Unit,
     /// The signal's own unit, for a figure that is measured in it.
     signal: Option<SignalUnit>,
-    /// How values are shown.
+    /// The unit in which values are shown.
     shown: ShownUnit,
 }
 
@@ -110,17 +111,17 @@ impl FigureUnit {
             "travel_per_s" => own.times(&Unit::SECOND, -1),
             _ => return Self { unit: *own, signal: Some(signal.clone()), shown: signal.shown() },
         };
-        // Exponents of real units stay far inside their range.
+        // The exponents of real units are far inside their range.
         let unit = unit.unwrap_or(*own);
         Self { unit, signal: None, shown: derived(figure, &signal.shown(), &unit) }
     }
 
-    /// How values are shown: as the file declares them, or in the SI unit that comes of SI.
+    /// The unit in which values are shown: derived from the declared unit, or the SI unit.
     pub fn shown(&self) -> ShownUnit {
         self.shown.clone()
     }
 
-    /// Why a number without a unit cannot be taken, with both of its readings; `None` where it can.
+    /// Text on the two readings of a number without a unit; `None` where the number is unambiguous.
     pub fn two_readings(&self, value: f64) -> Option<String> {
         match &self.signal {
             Some(signal) => signal.two_readings(value),
@@ -186,14 +187,14 @@ fn checked(e: &Expectation, figure: Option<Figure>) -> CheckedExpectation {
     }
 }
 
-/// How a figure in `unit` is shown that is made of a signal: in the signal's unit where a symbol can be written for what comes
-/// of it.
+/// The unit in which a figure derived from a signal is shown: based on the signal's unit where a symbol for the
+/// result can be written, else `unit`.
 fn derived(figure: &str, signal: &ShownUnit, unit: &Unit) -> ShownUnit {
     let si = unit.si_symbol();
     if unit.is_si() {
         return ShownUnit::si(&si);
     }
-    // A second after a slash would divide as well.
+    // A second after a slash would be in the denominator as well.
     let (symbol, rate_of) = (signal.symbol(), signal.symbol().strip_suffix("/s"));
     let symbol = match (figure, rate_of) {
         ("iae", Some(of)) => of.into(),

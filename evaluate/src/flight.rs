@@ -1,4 +1,4 @@
-//! The motion of a simulated run as it truly was, step by step.
+//! The true motion of a simulated run, step by step.
 
 use whirlstand_logs::bench_log::wanted;
 use whirlstand_msgs::Setpoint;
@@ -10,12 +10,12 @@ pub struct Flight {
     pub states: Vec<f64>,
     /// The inputs in force, steps x inputs.
     pub inputs: Vec<f64>,
-    /// What is wanted of each state, steps x states; NaN where nothing is.
+    /// Reference of each state, steps x states; NaN where a state is not tracked.
     pub wanted: Vec<f64>,
 }
 
 impl Flight {
-    /// Takes the next step: its states, the inputs in force and what is wanted.
+    /// Appends a step: its states, the inputs in force and the setpoint.
     pub fn take(&mut self, x: &[f64], u: &[f64], setpoint: &Setpoint) {
         self.states.extend_from_slice(x);
         self.inputs.extend_from_slice(u);

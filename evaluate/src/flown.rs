@@ -1,7 +1,8 @@
-//! The figures of flights that were simulated in this process, without a log, to the last bit those that their logs would give.
+//! Figures of flights that were simulated in this process without a log. They are bit for bit those that their
+//! logs would give.
 //!
-//! Their steps are held, some hundred bytes each, because what is to be judged of a step is known only when the flight is over.
-//! Flights may go side by side: each row has one number of every flight.
+//! All steps are stored, some hundred bytes each, because which parts of a step are evaluated is known only at the
+//! end of the flight. Flights may be computed side by side: each row then has one number of every flight.
 
 mod gathered;
 mod step;
@@ -12,47 +13,48 @@ use crate::summary::RunSummary;
 use gathered::Gathered;
 pub use step::{FlownStep, NodeCounts};
 
-/// Flights side by side in [`FlownTogether`].
+/// Number of flights side by side in [`FlownTogether`].
 pub const LANES: usize = 16;
 
 /// A flight, step by step.
-// Not generic, as [`FlownTogether`]: what it does is compiled here, where it is compiled to be fast.
+// Not generic, like [`FlownTogether`], so that the code is compiled in this crate, with its optimisation.
 #[derive(Debug, Clone)]
 pub struct Flown(Gathered<1>);
 
 impl Flown {
-    /// Before the first of about `steps` steps of `vehicle`.
+    /// Without steps so far; `steps` is the approximate number of steps of `vehicle`.
     pub fn new(vehicle: &Vehicle, period_s: f64, steps: usize) -> Self {
         Self(Gathered::new(vehicle, period_s, steps))
     }
 
-    /// Takes the next step.
+    /// Appends the next step.
     pub fn take(&mut self, step: &FlownStep<'_, 1>) {
         self.0.take(step);
     }
 
-    /// The figures of the flight of `vehicle` as `name`; the consistency of the filter without the errors of the states.
+    /// The figures of the flight of `vehicle` under `name`; the consistency of the filter is without the errors of
+    /// the states.
     pub fn summary(&self, vehicle: &Vehicle, name: &str, seed: u64, counts: &NodeCounts) -> RunSummary {
         self.0.summary(0, (vehicle, name, seed), counts)
     }
 }
 
-/// Flights side by side, which differ in what follows from seeds, initial states and disturbances only.
+/// Flights side by side. They differ only in data that depend on seeds, initial states and disturbances.
 #[derive(Debug, Clone)]
 pub struct FlownTogether(Gathered<LANES>);
 
 impl FlownTogether {
-    /// Before the first of about `steps` steps of `vehicle`.
+    /// Without steps so far; `steps` is the approximate number of steps of `vehicle`.
     pub fn new(vehicle: &Vehicle, period_s: f64, steps: usize) -> Self {
         Self(Gathered::new(vehicle, period_s, steps))
     }
 
-    /// Takes the next step of all.
+    /// Appends the next step of all flights.
     pub fn take(&mut self, step: &FlownStep<'_, LANES>) {
         self.0.take(step);
     }
 
-    /// As [`Flown::summary`], of the flight in lane `lane`, below [`LANES`].
+    /// As [`Flown::summary`], for the flight in lane `lane`, which is below [`LANES`].
     pub fn summary(
         &self,
         lane: usize,

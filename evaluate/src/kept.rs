@@ -1,18 +1,18 @@
-//! Which messages of a topic count: a node that was started again counts from its start, and what it says replaces what
-//! was said of the same time before.
+//! Selection of the valid messages of a topic: a restarted node counts from its start again, and its messages
+//! replace earlier ones with the same time.
 
-/// A part of a topic's messages in which time does not go back.
+/// A part of a topic's messages in which time increases.
 #[derive(Debug, Clone, PartialEq)]
 struct Segment {
-    /// Numbers of its messages within the topic.
+    /// Index of the first message within the topic.
     from: u64,
     until: u64,
     first_ns: u64,
-    /// Messages from this time on have been replaced by a later segment.
+    /// Time from which a later segment has replaced the messages of this one.
     limit_ns: u64,
 }
 
-/// Which messages of a topic count.
+/// The valid messages of a topic.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Kept {
     segments: Vec<Segment>,
@@ -21,7 +21,7 @@ pub(crate) struct Kept {
 }
 
 impl Kept {
-    /// Takes the time of the topic's next message. True when it goes back behind the one before.
+    /// Takes in the time of the topic's next message. Returns whether it is earlier than the one before.
     pub fn take(&mut self, ns: u64) -> bool {
         let back = !self.segments.is_empty() && ns < self.last_ns;
         if back {
@@ -44,28 +44,28 @@ impl Kept {
         back
     }
 
-    /// Whether nothing counts of what came before the last time that it went back.
+    /// Whether all messages before the last restart have been replaced.
     pub fn begins_again(&self) -> bool {
         self.segments.len() == 1
     }
 
-    /// Number of messages of the topic, those that do not count among them.
+    /// Number of messages of the topic, including replaced ones.
     pub fn messages(&self) -> u64 {
         self.messages
     }
 
-    /// Time of the last message that counts, ns; 0 without one.
+    /// Time of the last valid message, ns; 0 without one.
     pub fn last_ns(&self) -> u64 {
         self.last_ns
     }
 
-    /// Looks at the messages once more, from the first one on.
+    /// Iterates over the messages once more, from the first one on.
     pub fn again(&self) -> Again<'_> {
         Again { segments: &self.segments, message: 0 }
     }
 }
 
-/// The messages of a topic, met a second time.
+/// The messages of a topic in the second pass over the log.
 #[derive(Debug, Clone)]
 pub(crate) struct Again<'a> {
     segments: &'a [Segment],
@@ -73,7 +73,7 @@ pub(crate) struct Again<'a> {
 }
 
 impl Again<'_> {
-    /// Whether the next message, of time `ns`, counts.
+    /// Whether the next message, with time `ns`, is valid.
     pub fn counts(&mut self, ns: u64) -> bool {
         let at = self.message;
         self.message += 1;

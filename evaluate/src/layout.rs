@@ -1,4 +1,4 @@
-//! Where the signals of a vehicle stand in the messages of its bench.
+//! Location of a vehicle's signals in the messages of its bench.
 
 use whirlstand_logs::SensorField;
 use whirlstand_logs::bench_log::wanted;
@@ -14,14 +14,14 @@ pub(crate) fn seconds<M: Message>(message: &M) -> f64 {
     message.head().stamp_ns as f64 * NS
 }
 
-/// An output as a sum of states, and of inputs where the vehicle has a direct term: places and factors.
+/// An output as a sum of states, and of inputs where the vehicle has feedthrough: indices and factors.
 #[derive(Debug, Clone)]
 struct Combination {
     states: Vec<(usize, f64)>,
     inputs: Vec<(usize, f64)>,
 }
 
-/// Where the signals of a vehicle stand.
+/// Location of the signals of a vehicle.
 #[derive(Debug, Clone)]
 pub(crate) struct Layout {
     /// Number of states.
@@ -62,7 +62,7 @@ impl Layout {
         self.names.iter().map(String::as_str).collect()
     }
 
-    /// How values of the signals are shown.
+    /// The units in which values of the signals are shown.
     pub fn shown_units(&self) -> &ShownSignals {
         &self.units
     }
@@ -72,13 +72,13 @@ impl Layout {
         self.outputs.len()
     }
 
-    /// Output `i` at states `x` under inputs `u`; without inputs, of the states alone.
+    /// Output `i` for states `x` and inputs `u`; with empty `u`, from the states alone.
     pub fn output(&self, i: usize, x: &[f64], u: &[f64]) -> f64 {
         let [y] = self.output_lanes(i, x.as_chunks().0, u.as_chunks().0);
         y
     }
 
-    /// The same of K flights side by side.
+    /// Output `i` of K flights side by side.
     #[inline(always)]
     pub fn output_lanes<const K: usize>(&self, i: usize, x: &[[f64; K]], u: &[[f64; K]]) -> [f64; K] {
         let sum = |terms: &[(usize, f64)], values: &[[f64; K]]| {
@@ -94,13 +94,14 @@ impl Layout {
         y
     }
 
-    /// The value of every output that a setpoint asks for; NaN where one of its states is not tracked.
+    /// The reference of every output that follows from a setpoint; NaN where one of its states is not
+    /// tracked.
     pub fn wanted(&self, setpoint: &Setpoint) -> Vec<f64> {
         let states = wanted(setpoint);
         (0..self.outputs()).map(|i| self.output(i, &states, &[])).collect()
     }
 
-    /// What a sensor's message says afresh: output and value.
+    /// The fresh values in a sensor's message: index of the output and value.
     pub fn measured<M: Message>(&self, message: &M) -> impl Iterator<Item = (usize, f64)> {
         self.sensors.iter().enumerate().filter_map(|(i, field)| {
             let field = field.filter(|field| field.topic == M::TOPIC)?;

@@ -6,23 +6,23 @@ use whirlstand_logs::Line;
 
 use crate::spectra::Spectrum;
 
-/// Most spans that are held; beyond, neighbours are joined.
+/// Most spans that are stored; beyond that, neighbours are joined.
 const MOST_SPANS: usize = 4_096;
 
-/// What plots of a run show, SI.
+/// Lines for the plots of a run, SI.
 #[derive(Debug, Clone, Default)]
 pub struct Lines {
-    /// Output by output.
+    /// Lines of each output.
     pub outputs: Vec<OutputLines>,
-    /// What was applied to each input; without truth, what was commanded.
+    /// Applied value of each input; without truth, the command.
     pub inputs: Vec<Line>,
     /// Consistency of the estimator; empty without one.
     pub nis: NisLine,
     /// Errors of the estimated states; empty without truth or estimate.
     pub errors: Vec<ErrorLines>,
-    /// Spectra of what the sensors measured, output by output.
+    /// Spectra of the measurements of each output.
     pub output_spectra: Vec<Spectrum>,
-    /// Spectra of what was applied, input by input.
+    /// Spectra of each applied input.
     pub input_spectra: Vec<Spectrum>,
     /// Parts over which the last command was held.
     pub held: Spans,
@@ -33,11 +33,11 @@ pub struct Lines {
 /// Lines of one output.
 #[derive(Debug, Clone, Default)]
 pub struct OutputLines {
-    /// What its sensor measured.
+    /// Measurements of the output's sensor.
     pub measured: Line,
-    /// From the true states and applied inputs.
+    /// Output computed from the true states and applied inputs.
     pub truth: Line,
-    /// From the estimated states.
+    /// Output computed from the estimated states.
     pub estimate: Line,
     /// The setpoint; NaN where nothing is tracked.
     pub wanted: Line,
@@ -72,9 +72,9 @@ pub struct NisLine {
     /// Number of steps that are averaged to either side.
     half: usize,
     total: Sums,
-    /// Sums up to and with each of the last steps, at most two halves and two of them.
+    /// Cumulative sums at each of the last steps: twice `half` steps and two more at most.
     recent: VecDeque<Sums>,
-    /// Steps whose mean is known.
+    /// Number of steps whose mean has been written.
     written: u64,
 }
 
@@ -83,7 +83,7 @@ impl NisLine {
         Self { half: ((0.5 / period_s).round() as usize).max(1), ..Self::default() }
     }
 
-    /// Takes the estimate of time `t`, s. A step without a fresh measurement has nothing to judge.
+    /// Takes in the estimate at time `t`, s. A step without a fresh measurement is ignored.
     pub(crate) fn take(&mut self, t: f64, nis: f64, degrees: f64) {
         if degrees <= 0.0 || !nis.is_finite() {
             return;
@@ -97,13 +97,13 @@ impl NisLine {
         self.steps += 1;
         self.total = Sums { t, nis: self.total.nis + nis, degrees: self.total.degrees + degrees };
         self.recent.push_back(self.total);
-        // The step in the middle: as many on its right as on its left, at the start fewer.
+        // The step in the middle has as many steps on its right as on its left; at the start there are fewer.
         if self.steps > self.half as u64 {
             self.write(self.half);
         }
     }
 
-    /// Writes the mean about the next step, over up to `right` steps to either side.
+    /// Writes the mean for the next step, over up to `right` steps to either side.
     fn write(&mut self, right: usize) {
         let h = right.min(usize::try_from(self.written).unwrap_or(usize::MAX));
         // The sums with the step itself stand `right` before the last ones.
@@ -116,7 +116,7 @@ impl NisLine {
         }
     }
 
-    /// Writes what is left at the end of the run.
+    /// Writes the remaining means at the end of the run.
     pub(crate) fn finish(&mut self) {
         while self.written < self.steps {
             let right = self.steps - 1 - self.written;
@@ -130,7 +130,7 @@ impl NisLine {
     }
 }
 
-/// Parts of a run in which something held.
+/// Parts of a run in which a condition held.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Spans {
     /// Start and end of each, s.
@@ -155,7 +155,8 @@ impl Spans {
         }
     }
 
-    /// The parts, those next to each other joined until there are at most `most`. Joins gaps of `gap_s` seconds first.
+    /// The parts, of which neighbouring ones are joined until there are at most `most`. Parts separated by gaps up
+    /// to `gap_s` seconds are joined first.
     pub fn at_most(&self, most: usize, gap_s: f64) -> Vec<(f64, f64)> {
         let (mut parts, mut gap) = (self.parts.clone(), gap_s.max(f64::MIN_POSITIVE));
         while parts.len() > most {
@@ -166,7 +167,7 @@ impl Spans {
     }
 }
 
-/// The parts, those joined that are at most `gap` apart.
+/// The parts, of which those at most `gap` apart are joined.
 fn joined(parts: &[(f64, f64)], gap: f64) -> Vec<(f64, f64)> {
     let mut joined: Vec<(f64, f64)> = Vec::new();
     for part in parts {

@@ -1,4 +1,4 @@
-//! The second look at a run's log: figures are summed up and lines thinned, message by message.
+//! The second pass over a run's log: computes the figures and thins the lines, message by message.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +16,7 @@ use crate::spectra::SpectrumSum;
 use crate::summary::OutputFigures;
 use crate::survey::Survey;
 
-/// The signal that the outputs are judged from: the best one in the log.
+/// The signal from which the outputs are judged: the best one in the log.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Source {
     Truth,
@@ -24,7 +24,7 @@ enum Source {
     Measured,
 }
 
-/// What is made of a run's messages.
+/// Figures and lines of a run.
 pub(crate) struct Measured {
     /// Figures of the outputs, by name.
     pub outputs: BTreeMap<String, OutputFigures>,
@@ -35,7 +35,7 @@ pub(crate) struct Measured {
     pub lines: Lines,
 }
 
-/// Figures and lines of a run while its messages come in the order of their time.
+/// Accumulates figures and lines of a run from its messages in the order of their time.
 pub(crate) struct Measures<'a> {
     layout: &'a Layout,
     period_s: f64,
@@ -47,7 +47,7 @@ pub(crate) struct Measures<'a> {
     lines: Lines,
     output_spectra: Vec<SpectrumSum>,
     input_spectra: Vec<SpectrumSum>,
-    /// What is wanted of each output now; `None` before the first setpoint.
+    /// Present reference of each output; `None` before the first setpoint.
     wanted: Option<Vec<f64>>,
     /// The last truth.
     truth: Option<Truth>,
@@ -92,7 +92,7 @@ impl<'a> Measures<'a> {
         }
     }
 
-    /// Takes the next message; `coming` has those that follow.
+    /// Takes in the next message; `coming` has the following ones.
     pub fn take(&mut self, message: &BenchMessage, coming: &Merge) {
         match message {
             BenchMessage::Truth(m) => self.take_truth(m, coming),
@@ -112,7 +112,7 @@ impl<'a> Measures<'a> {
         }
     }
 
-    /// What is wanted of output `i` now: of the first setpoint, before it.
+    /// Present reference of output `i`; before the first setpoint, that of the first one.
     fn wanted(&self, i: usize, coming: &Merge) -> f64 {
         match (&self.wanted, coming.next_setpoint()) {
             (Some(wanted), _) => wanted[i],
@@ -155,7 +155,7 @@ impl<'a> Measures<'a> {
             }
         }
         self.lines.nis.take(t, m.nis, f64::from(m.dof));
-        // Truth and estimate of a step have one stamp.
+        // Truth and estimate of a step have the same stamp.
         let truth = self.truth.filter(|truth| (seconds(truth) - t).abs() < 1e-9);
         if let Some(truth) = &truth {
             for (i, lines) in self.lines.errors.iter_mut().enumerate() {
@@ -189,7 +189,7 @@ impl<'a> Measures<'a> {
         }
     }
 
-    /// Takes what a sensor measured afresh.
+    /// Takes in the fresh values of a sensor's message.
     fn take_measured<M: Message>(&mut self, message: &M, coming: &Merge) {
         let t = seconds(message);
         for (i, y) in self.layout.measured(message) {
@@ -202,7 +202,7 @@ impl<'a> Measures<'a> {
         }
     }
 
-    /// Figures and lines of all that came.
+    /// Figures and lines of all messages.
     pub fn finish(mut self, vehicle: &Vehicle, health: &[NodeHealth]) -> Measured {
         self.lines.nis.finish();
         self.lines.output_spectra = self.output_spectra.into_iter().map(SpectrumSum::finish).collect();

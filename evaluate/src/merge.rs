@@ -1,21 +1,21 @@
-//! The messages of a log in the order of their time.
+//! Sorts the messages of a log by their time.
 //!
-//! A recorder writes what waits on one topic, then what waits on the next: in the file, the setpoint of a step may stand
-//! a thousand steps behind its truth.
+//! A recorder writes the waiting messages of one topic, then those of the next. In the file, the setpoint of a
+//! step may therefore come a thousand steps after its truth.
 
 use std::collections::VecDeque;
 
 use whirlstand_logs::BenchMessage;
 use whirlstand_msgs::Message;
 
-/// Topics that are put in order, in the order in which messages of one time follow each other.
+/// Number of sorted topics; messages with the same time are in the order of the topics.
 pub(crate) const TOPICS: usize = 7;
 
 /// Most messages of a topic that wait for another one. A recorder's queues hold 1024.
 const MOST_WAITING: usize = 4_096;
 
-/// Place of a message's topic among those that are put in order, and its time, ns. `None` for health and disturbances,
-/// which come when they come.
+/// Index of a message's topic among the sorted ones, and its time, ns. `None` for health and disturbances, which
+/// are not sorted.
 pub(crate) fn place(message: &BenchMessage) -> Option<(usize, u64)> {
     fn at<M: Message>(place: usize, message: &M) -> Option<(usize, u64)> {
         Some((place, message.head().stamp_ns))
@@ -45,12 +45,13 @@ pub(crate) struct Merge {
 }
 
 impl Merge {
-    /// `coming` says how many messages of each topic the log has.
+    /// `coming` is the number of messages of each topic in the log.
     pub fn new(coming: [u64; TOPICS]) -> Self {
         Self { waiting: Default::default(), coming }
     }
 
-    /// Takes the next message of the file; one that does not count only says that one less is to come.
+    /// Takes in the next message of the file. `None` stands for a message that is not valid and only reduces
+    /// the count.
     pub fn push(&mut self, topic: usize, ns: u64, message: Option<BenchMessage>) {
         self.coming[topic] = self.coming[topic].saturating_sub(1);
         let Some(message) = message else { return };
@@ -61,7 +62,7 @@ impl Merge {
         }
     }
 
-    /// The earliest message, once nothing earlier can come any more.
+    /// The earliest message, once no earlier one can come.
     pub fn pop(&mut self) -> Option<BenchMessage> {
         let first = |topic: usize| self.waiting[topic].front().map(|(ns, _)| (*ns, topic));
         let (_, topic) = (0..TOPICS).filter_map(first).min()?;
@@ -74,7 +75,7 @@ impl Merge {
         self.waiting[topic].pop_front().map(|(_, message)| message)
     }
 
-    /// The setpoint that comes next.
+    /// The next setpoint.
     pub fn next_setpoint(&self) -> Option<&BenchMessage> {
         self.waiting[0].front().map(|(_, message)| message)
     }

@@ -1,10 +1,10 @@
-//! The figures of one output while its record is read, or of a record that was flown.
+//! The figures of one output, from its record while it is read or from a flight in memory.
 
 use crate::metrics::{Judge, Judgement, Part, Recovery, Samples, StepResponse};
 use crate::summary::{MOST_LISTED, OutputFigures};
 use whirlstand_msgs::units::ShownUnit;
 
-/// The greatest of all values; none when there is none, or one of them is none.
+/// The greatest of all values; absent when there is no value, or one of them is absent.
 #[derive(Debug, Clone, Copy, Default)]
 struct Worst {
     any: bool,
@@ -26,7 +26,7 @@ impl Worst {
         self.greatest.filter(|_| !self.never)
     }
 
-    /// Whether all had a value; `None` when there was none.
+    /// Whether all events had a value; `None` when there was no event.
     fn all(&self) -> Option<bool> {
         self.any.then_some(!self.never)
     }
@@ -46,8 +46,7 @@ struct Events {
 }
 
 impl Events {
-    /// Takes what was found; an error at the start that is below `visible`, which the sensor could not even see, is not a
-    /// step.
+    /// Takes in a result. An initial error below `visible`, which the sensor could not measure, is not a step.
     fn take(&mut self, judgement: Judgement, visible: f64) {
         match judgement {
             Judgement::Step(step) if (step.to - step.from).abs() > visible => {
@@ -66,7 +65,7 @@ impl Events {
     }
 }
 
-/// Appends to a list that is not full; 1 when it is.
+/// Appends to a list unless it is full. Returns the number of entries left out: 0 or 1.
 fn list<T>(list: &mut Vec<T>, entry: T) -> u64 {
     let full = list.len() >= MOST_LISTED;
     if !full {
@@ -90,7 +89,7 @@ impl<const K: usize> ErrorSum<K> {
         Self { iae: [0.0; K], ise: [0.0; K], first_s: None, last: None }
     }
 
-    /// Takes the value at time `t`, s, and what was wanted then; NaN where nothing is tracked.
+    /// Takes in the value at time `t`, s, and its reference; NaN where nothing is tracked.
     #[inline(always)]
     pub fn take(&mut self, t: f64, y: &[f64; K], wanted: f64) {
         let wanted = if wanted.is_finite() { wanted } else { 0.0 };
@@ -106,7 +105,7 @@ impl<const K: usize> ErrorSum<K> {
         }
     }
 
-    /// Those of flight `l` alone.
+    /// The sums of flight `l` alone.
     pub fn lane(&self, l: usize) -> ErrorSum<1> {
         ErrorSum {
             iae: [self.iae[l]],
@@ -122,7 +121,7 @@ impl<const K: usize> ErrorSum<K> {
 pub(crate) struct OutputSum {
     /// SI unit.
     unit: ShownUnit,
-    /// Which signal is judged.
+    /// Name of the evaluated signal.
     source: &'static str,
     tracked: bool,
     visible: f64,
@@ -132,8 +131,8 @@ pub(crate) struct OutputSum {
 }
 
 impl OutputSum {
-    /// An output in `unit` whose sensor declares the standard deviation `noise`, to be judged from `source` in the given
-    /// parts.
+    /// An output in `unit` whose sensor declares the standard deviation `noise`, evaluated from `source` in the
+    /// given parts.
     pub fn new(unit: ShownUnit, source: &'static str, tracked: bool, noise: f64, parts: Vec<Part>) -> Self {
         Self {
             unit,
@@ -146,14 +145,14 @@ impl OutputSum {
         }
     }
 
-    /// Takes the value at time `t`, s, and what was wanted then; NaN where nothing is tracked.
+    /// Takes in the value at time `t`, s, and its reference; NaN where nothing is tracked.
     pub fn take(&mut self, t: f64, y: f64, wanted: f64) {
         self.error.take(t, &[y], wanted);
         let (events, visible) = (&mut self.events, self.visible);
         self.judge.take(t, y, wanted, &mut |judgement| events.take(judgement, visible));
     }
 
-    /// Takes a whole record at once, the integrals of whose error are known, and in which the given parts are to be judged; this
+    /// Takes in a whole record at once, with known integrals of its error and with the parts to be evaluated; this
     /// sum was made without parts.
     pub fn take_record(
         &mut self,

@@ -1,7 +1,7 @@
 //! A recorded run: its figures, and its lines thinned for plots.
 //!
-//! The log is read twice: once for when what happened, once for the figures and the lines. Neither needs memory that grows
-//! with the length of the run.
+//! The log is read twice: first for the times of events, then for the figures and the lines. The memory of neither
+//! pass grows with the length of the run.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use crate::merge::{Merge, place};
 use crate::summary::RunSummary;
 use crate::survey::Survey;
 
-/// Why a run cannot be read.
+/// The reason why a run cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The log cannot be read.
@@ -57,7 +57,7 @@ pub struct Run {
     pub attachments: Vec<(String, String)>,
     /// The figures.
     pub figures: RunSummary,
-    /// What plots show.
+    /// Lines for the plots.
     pub lines: Lines,
     /// Health of the nodes.
     pub health: Vec<NodeHealth>,
@@ -116,7 +116,7 @@ impl Run {
     }
 }
 
-/// Gives the messages that count to `measures`, in the order of their time.
+/// Passes the valid messages to `measures`, in the order of their time.
 fn measure<'a>(log: &Log, mut measures: Measures<'a>, survey: &Survey) -> Result<Measures<'a>, ReadError> {
     let mut again = survey.again();
     let mut merge = Merge::new(survey.kept.each_ref().map(|kept| kept.messages()));

@@ -7,14 +7,15 @@ use rustfft::{Fft, FftPlanner};
 
 /// Shortest and longest segment, samples.
 const LENGTHS: (usize, usize) = (32, 4096);
-/// A segment begins every quarter of one: the Hann window weighs all samples alike then (Heinzel et al. 2002).
+/// Number of segments that begin within the length of one: with an overlap of three quarters, the Hann window
+/// weights all samples alike (Heinzel et al. 2002).
 const OVERLAP: usize = 4;
-/// Most columns of a spectrogram; beyond, neighbours are averaged.
+/// Most columns of a spectrogram; beyond that, neighbours are averaged.
 const MOST_COLUMNS: usize = 128;
-/// Most rows of a spectrogram; bins beyond are averaged.
+/// Most rows of a spectrogram; beyond that, bins are averaged.
 const MOST_ROWS: usize = 128;
 
-/// What became of a signal's power.
+/// Power spectral density of a signal, and its spectrogram.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Spectrum {
     /// Frequencies, Hz, from 0 to half the sampling rate.
@@ -34,7 +35,7 @@ pub struct Spectrogram {
     pub time_s: Vec<f64>,
     /// Middle of each row, Hz.
     pub frequency_hz: Vec<f64>,
-    /// One-sided density, signal unit squared per Hz: row by row, a value each column.
+    /// One-sided density, signal unit squared per Hz: row by row, a value per column.
     pub density: Vec<Vec<f64>>,
 }
 
@@ -56,7 +57,7 @@ pub(crate) struct SpectrumSum {
     per_column: u64,
 }
 
-/// Some segments that follow each other.
+/// Mean over consecutive segments.
 #[derive(Clone)]
 struct Column {
     time_s: f64,
@@ -65,7 +66,7 @@ struct Column {
 }
 
 impl Column {
-    /// Takes further segments into the mean.
+    /// Adds further segments to the mean.
     fn join(&mut self, other: &Self) {
         let all = (self.segments + other.segments) as f64;
         let (mine, theirs) = (self.segments as f64 / all, other.segments as f64 / all);
@@ -95,7 +96,8 @@ impl SpectrumSum {
         }
     }
 
-    /// Takes the sample of time `t`, s. A segment has no gap: after one, or after a sample that is none, the next begins.
+    /// Takes in the sample at time `t`, s. A segment contains no gap: after a gap, or after a sample that is not
+    /// finite, the next segment begins.
     pub fn take(&mut self, t: f64, y: f64) {
         if !y.is_finite() || t - self.last_s > 1.5 * self.period_s {
             self.samples.clear();
@@ -142,7 +144,7 @@ impl SpectrumSum {
         }
     }
 
-    /// The densities of all that came.
+    /// The densities of all samples.
     pub fn finish(self) -> Spectrum {
         if self.segments == 0 {
             return Spectrum::default();
@@ -161,7 +163,7 @@ impl SpectrumSum {
     }
 }
 
-/// Bins as the rows of a spectrogram: without the mean, neighbours averaged.
+/// Bins as the rows of a spectrogram: the mean is left out, and neighbours are averaged.
 fn rows(bins: &[f64]) -> Vec<f64> {
     let width = (bins.len() - 1).div_ceil(MOST_ROWS);
     bins[1..].chunks(width).map(|row| row.iter().sum::<f64>() / row.len() as f64).collect()

@@ -1,4 +1,4 @@
-//! The figures of a run as data, as they stand in `summary.json`.
+//! The figures of a run as data, in the form of `summary.json`.
 
 use std::collections::BTreeMap;
 use whirlstand_msgs::units::ShownUnit;
@@ -31,7 +31,7 @@ pub struct RunSummary {
     pub log: String,
     /// Disturbances that set in during the run, at most [`MOST_LISTED`].
     pub disturbances: Vec<DisturbanceEvent>,
-    /// What the mirror said, at most [`MOST_LISTED`].
+    /// Findings of the mirror, at most [`MOST_LISTED`].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub findings: Vec<FindingEvent>,
     /// Figures of the outputs, by name.
@@ -44,12 +44,12 @@ pub struct RunSummary {
     pub timing: Timing,
 }
 
-/// What the mirror said at a moment.
+/// A finding of the mirror.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FindingEvent {
     /// Bench time, s.
     pub at_s: f64,
-    /// Number of the change that it is about.
+    /// Number of the change that the finding concerns.
     pub number: u64,
     /// The sentence.
     pub text: String,
@@ -88,7 +88,7 @@ pub struct OutputFigures {
     pub steps: Vec<StepResponse>,
     /// Every disturbance, at most [`MOST_LISTED`].
     pub disturbances: Vec<Recovery>,
-    /// Steps and disturbances that are counted in the figures and not listed.
+    /// Number of steps and disturbances that are counted in the figures but not listed.
     #[serde(default, skip_serializing_if = "is_none")]
     pub not_listed: u64,
 }

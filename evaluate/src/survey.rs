@@ -1,4 +1,4 @@
-//! The first look at a run's log: which messages count, and when what happened.
+//! The first pass over a run's log: selects the valid messages, and finds the times of events.
 
 use whirlstand_logs::finding_text::finding_text;
 use whirlstand_logs::{BenchMessage, Hole, Log, ReadError};
@@ -13,12 +13,12 @@ use crate::merge::{TOPICS, place};
 use crate::metrics::{Changes, ChargeSteps, DisturbanceEvent, Onsets, Part, SetpointSteps};
 use crate::summary::{FindingEvent, MOST_LISTED};
 
-/// Most messages on disturbances that are held; a run with more of them is read once more for its onsets.
+/// Most stored messages on disturbances; a run with more of them is read once more for its onsets.
 const MOST_DISTURBANCES: usize = 1 << 14;
 
-/// What has to be known of a run before its figures can be summed up.
+/// The data of a run that are needed before its figures can be computed.
 pub(crate) struct Survey {
-    /// Which messages of each topic count, in the order of [`place`].
+    /// The valid messages of each topic, in the order of [`place`].
     pub kept: [Kept; TOPICS],
     /// Health of the nodes.
     pub health: Vec<NodeHealth>,
@@ -30,13 +30,13 @@ pub(crate) struct Survey {
     pub tracked: Vec<bool>,
     /// Standard deviations that the estimator claims just before the first disturbance, or at the end.
     pub claimed: Vec<f64>,
-    /// What could not be written.
+    /// Holes of the log, in which messages could not be written.
     pub holes: Vec<Hole>,
-    /// Whose will a bridge followed.
+    /// Who was in charge behind a bridge.
     pub charge: ChargeSteps,
-    /// What the mirror said.
+    /// Findings of the mirror.
     pub findings: Vec<FindingEvent>,
-    /// Time and new value of the setpoint's steps, output by output.
+    /// Time and new value of the setpoint's steps, for each output.
     steps: Vec<Vec<(f64, f64)>>,
     period_s: f64,
 }
@@ -56,12 +56,12 @@ struct Reading<'a> {
     converged_s: Option<f64>,
 }
 
-/// What the plant says of its disturbances.
+/// Disturbances that the plant published.
 #[derive(Default)]
 struct Disturbances {
     kept: Kept,
     changes: Vec<Changes>,
-    /// The messages, as long as they are not too many.
+    /// The messages, as long as there are not too many.
     rows: Option<Vec<(f64, Vec<f64>)>>,
 }
 
@@ -136,7 +136,7 @@ impl Survey {
         self.onsets.first().map_or(f64::INFINITY, |onset| onset.at_s)
     }
 
-    /// Whether the log has a message of the topic at this place that counts.
+    /// Whether the log has a valid message of the topic with this index.
     pub fn has(&self, topic: usize) -> bool {
         self.kept[topic].messages() > 0
     }
@@ -146,7 +146,7 @@ impl Survey {
         self.kept.each_ref().map(Kept::again)
     }
 
-    /// What is to be judged of each output, in the order of the starts.
+    /// The parts that are evaluated of each output, in the order of their starts.
     pub fn parts(&self) -> Vec<Vec<Part>> {
         parts(&self.steps, &self.onsets, self.period_s, self.end_s)
     }
@@ -208,7 +208,7 @@ impl Reading<'_> {
 
     fn take_estimate(&mut self, estimate: &Estimate) {
         let t = seconds(estimate);
-        // An estimator that was started again has not converged yet.
+        // A restarted estimator has not converged yet.
         self.converged_s = self.converged_s.filter(|converged| *converged < t);
         if estimate.flags & flags::CONVERGED != 0 {
             self.converged_s.get_or_insert(t);
@@ -219,7 +219,7 @@ impl Reading<'_> {
 }
 
 impl Disturbances {
-    /// Finds the onsets, in the log where its messages are too many to be held.
+    /// Finds the onsets. The log is read again where it has too many messages to store.
     fn onsets(self, log: &Log, mut onsets: Onsets) -> Result<Vec<DisturbanceEvent>, ReadError> {
         match self.rows {
             Some(rows) => rows.iter().for_each(|(t, values)| onsets.take(*t, values)),
@@ -243,7 +243,8 @@ pub(crate) fn derivatives(vehicle: &Vehicle) -> Vec<(String, ShownUnit)> {
     vehicle.states.iter().map(|state| (state.name.clone(), state.unit.shown().per_second())).collect()
 }
 
-/// What is to be judged of each output, from the steps of its setpoint and the onsets of disturbances.
+/// The parts that are evaluated of each output, from the steps of its setpoint and the onsets of
+/// disturbances.
 pub(crate) fn parts(
     steps: &[Vec<(f64, f64)>],
     onsets: &[DisturbanceEvent],
@@ -278,8 +279,8 @@ fn later(at: f64, times: &[f64]) -> f64 {
     times.get(times.partition_point(|t| *t <= at + 1e-9)).copied().unwrap_or(f64::INFINITY)
 }
 
-/// Until when the recovery from a disturbance at `at` can be judged: the next onset, the last sample before the next
-/// step of a setpoint (the sample of the step already has the new one), or the end of the run.
+/// End of the evaluated recovery from a disturbance at `at`: the next onset, the last sample before the next step
+/// of a setpoint (the sample of the step already has the new one), or the end of the run.
 fn recovery_end(at: f64, onsets: &[f64], steps: &[f64], period_s: f64, end: f64) -> f64 {
     later(at, onsets).min(later(at, steps) - 0.5 * period_s).min(end)
 }

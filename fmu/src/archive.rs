@@ -1,4 +1,4 @@
-//! Writing the archive: description, library, and the vehicle file with those that it leads to.
+//! Writes the archive: description, library, the vehicle file, and the files of its mode transitions.
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
@@ -13,10 +13,10 @@ use crate::description::{STATE_PREFIX, description, model_identifier};
 use crate::instance::Instance;
 use crate::library::{PLATFORM, SUFFIX};
 
-/// Why a vehicle cannot be exported.
+/// The reason why a vehicle cannot be exported.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The vehicle was made in memory; there is no file to pack.
+    /// The vehicle was made in memory, so there is no file to pack.
     #[error("{0}: this vehicle was not read from a file, and an FMU contains the file")]
     NoText(String),
     /// Two variables of the FMU would have the same name.
@@ -27,11 +27,11 @@ pub enum ExportError {
     SameName {
         /// Name of the vehicle.
         vehicle: String,
-        /// The name.
+        /// The duplicate name.
         name: String,
-        /// What has it first.
+        /// The first variable of that name.
         first: &'static str,
-        /// What has it too.
+        /// The second variable of that name.
         second: &'static str,
     },
     /// A mode transition leads to a file that cannot be packed beside the vehicle file.
@@ -59,15 +59,16 @@ pub enum ExportError {
     /// The archive cannot be written.
     #[error("cannot write the FMU: {0}")]
     Write(#[from] zip::result::ZipError),
-    /// The settings cannot be written as TOML: the period or the seed is no number of it.
+    /// The settings cannot be written as TOML, because the period or the seed is not a number that TOML
+    /// represents.
     #[error("cannot write the settings into the FMU: {0}")]
     Settings(#[from] toml::ser::Error),
 }
 
-/// Writes the FMU of a vehicle with this `library`, which is [`find_library`](crate::find_library)'s.
+/// Writes the FMU of a vehicle with this `library`, the result of [`find_library`](crate::find_library).
 ///
 /// # Errors
-/// [`ExportError`] when the vehicle cannot become an FMU, or `out` does not take it.
+/// [`ExportError`] when the vehicle cannot become an FMU, or writing to `out` fails.
 pub fn write_archive(
     vehicle: &Vehicle,
     settings: Settings,
@@ -92,7 +93,7 @@ pub fn write_archive(
     add_successors(vehicle, Path::new(""), &mut files)?;
     let mut archive = ZipWriter::new(out);
     for (name, bytes) in files {
-        // Without a time of writing the same vehicle gives the same archive.
+        // Without a modification time the same vehicle gives the same archive.
         archive.start_file(name, SimpleFileOptions::default())?;
         archive.write_all(&bytes).map_err(zip::result::ZipError::from)?;
     }
@@ -114,7 +115,7 @@ fn check_names(vehicle: &Vehicle) -> Result<(), ExportError> {
     Ok(())
 }
 
-/// The vehicle files that mode transitions lead to, under the paths by which they are found from the vehicle file.
+/// Adds the vehicle files of mode transitions, under their paths relative to the vehicle file.
 fn add_successors(
     vehicle: &Vehicle,
     folder: &Path,

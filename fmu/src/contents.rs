@@ -1,4 +1,4 @@
-//! What lies in the archive beside description and library, and how its parts know that they belong together.
+//! Contents of the archive besides description and library, and the token that ties its parts together.
 
 use std::path::Path;
 
@@ -12,17 +12,17 @@ pub(crate) const VEHICLE_FILE: &str = "vehicle.toml";
 /// The settings, within the folder of resources.
 pub(crate) const SETTINGS_FILE: &str = "settings.toml";
 
-/// How the FMU flies the vehicle.
+/// Settings of the simulation in the FMU.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
     /// Period of the simulator, s.
     pub period_s: f64,
-    /// Seed of all that is random, where the tool sets no other.
+    /// Seed of the random numbers, unless the tool sets another.
     pub seed: u64,
 }
 
-/// Why the folder of resources cannot be used; each sentence names the file.
+/// The reason why the folder of resources cannot be used; each sentence names the file.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum ContentsError {
     #[error("{file} of the FMU cannot be read: {reason}; export the FMU again")]
@@ -34,7 +34,8 @@ pub(crate) enum ContentsError {
     Token { given: String, expected: String },
 }
 
-/// The token by which a library knows that the description was made with these resources and for this version.
+/// The token from which a library recognises that the description was made with these resources and for this
+/// version.
 pub(crate) fn token(vehicle_text: &str, settings_text: &str) -> String {
     let mut hash = Sha256::new();
     for part in [env!("CARGO_PKG_VERSION"), settings_text, vehicle_text] {

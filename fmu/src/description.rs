@@ -1,4 +1,4 @@
-//! modelDescription.xml: what a tool must know of the vehicle before it loads the library.
+//! modelDescription.xml: the description of the vehicle that a tool reads before it loads the library.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -8,7 +8,7 @@ use whirlstand_vehicle::{SignalUnit, Vehicle};
 use crate::contents::Settings;
 use crate::variables::{Variable, Variables};
 
-/// Base units in the order of a dimension's exponents; samples are no unit of FMI.
+/// Base units in the order of a dimension's exponents; FMI has no unit for samples.
 const BASES: [&str; 6] = ["kg", "m", "s", "A", "K", "rad"];
 
 /// The only category of log messages.
@@ -17,14 +17,14 @@ pub(crate) const LOG_CATEGORY: &str = "logStatusError";
 /// Prefix of the names of states: most outputs have the name of a state.
 pub(crate) const STATE_PREFIX: &str = "state.";
 
-/// The vehicle's name as an identifier of C, which names the library.
+/// The vehicle's name as a C identifier, which names the library.
 pub(crate) fn model_identifier(vehicle: &Vehicle) -> String {
     let safe = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     let name: String = vehicle.name.chars().map(safe).collect();
     if name.starts_with(|c: char| c.is_ascii_digit()) { format!("_{name}") } else { name }
 }
 
-/// Text as it may stand in an attribute.
+/// Text escaped for an attribute.
 fn escaped(text: &str) -> String {
     text.chars().fold(String::new(), |mut out, c| {
         match c {
@@ -69,7 +69,7 @@ pub(crate) fn description(vehicle: &Vehicle, settings: Settings, token: &str) ->
     xml
 }
 
-/// Every unit of SI in use, with the units that the file declares as its displays.
+/// Every SI unit in use, with the units that the file declares as its display units.
 fn units(vehicle: &Vehicle) -> String {
     let declared = vehicle.states.iter().map(|s| &s.unit).chain(vehicle.inputs.iter().map(|u| &u.unit));
     let declared = declared.chain(vehicle.outputs.iter().map(|y| &y.unit));
@@ -173,7 +173,8 @@ fn variables(vehicle: &Vehicle, settings: Settings) -> String {
     format!("  <ModelVariables>\n    {}\n  </ModelVariables>", lines.join("\n    "))
 }
 
-/// At a communication point an output shows what was measured there: no input of the same moment is in it.
+/// The dependencies of the outputs. At a communication point an output shows the measurement of that time,
+/// which contains no input of the same time.
 fn structure(vehicle: &Vehicle) -> String {
     let references = Variables::of(vehicle);
     let outputs = (0..vehicle.outputs.len()).map(|i| references.reference(Variable::Output(i)));

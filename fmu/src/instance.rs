@@ -1,20 +1,22 @@
-//! One flying vehicle as a tool of co-simulation sees it: variables by reference, a phase, and steps of any length.
+//! One vehicle instance for co-simulation: variables by reference, a phase, and steps of any length.
 //!
-//! The vehicle moves in whole periods of its simulator. A step of the tool advances it by every period that ends within
-//! the step; in between, outputs and states hold. Inputs act from the communication point at which they were set.
+//! The vehicle moves in whole periods of its simulator. A step of the tool advances it by every period that ends
+//! within the step; in between, outputs and states are held. Inputs act from the communication point at which they
+//! were set.
 
 use whirlstand_vehicle::{Simulator, Vehicle};
 
 use crate::contents::Settings;
 use crate::variables::{Variable, Variables};
 
-/// A period that ends so little behind a step, as a share of the period, ends with it: tools add up times in floating point.
+/// Relative distance, as a share of the period, by which a period may end after a step and still end with it:
+/// tools add up times in floating point.
 const TIME_TOLERANCE: f64 = 1e-6;
 
-/// Most periods in a step: a minute of simulation on any machine, and no number of steps overflows.
+/// Most periods in a step: a minute of computation on any machine, without overflow of the step counter.
 const MOST_PERIODS: f64 = 1e9;
 
-/// Where the instance is in its life, by the names of the standard's states.
+/// Phase of the instance, with the names of the standard's states.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Phase {
     Instantiated,
@@ -23,7 +25,7 @@ pub(crate) enum Phase {
     Terminated,
 }
 
-/// Why a call is refused.
+/// The reason why a call is refused.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum CallError {
     #[error("{call} is not allowed while the FMU is in phase {phase:?}")]
@@ -42,7 +44,7 @@ pub(crate) enum CallError {
     Simulator(#[from] whirlstand_vehicle::SimulatorError),
 }
 
-/// An instance of the FMU; a clone is its state.
+/// An instance of the FMU; a clone is a saved FMU state.
 #[derive(Debug, Clone)]
 pub(crate) struct Instance {
     vehicle: Vehicle,
@@ -57,7 +59,7 @@ pub(crate) struct Instance {
     start_s: f64,
     time_s: f64,
     bounds: Vec<f64>,
-    /// The vehicle in motion, from the end of initialization on.
+    /// The simulator of the vehicle, from the end of initialization on.
     simulator: Option<Simulator>,
 }
 
@@ -78,12 +80,12 @@ impl Instance {
             vehicle,
             settings,
         };
-        // A vehicle that cannot fly is refused at once.
+        // A vehicle that cannot be simulated is refused at once.
         instance.measured_at_start()?;
         Ok(instance)
     }
 
-    /// As it was when it was made; the resources are not read again.
+    /// Restores the initial state of the instance; the resources are not read again.
     pub(crate) fn reset(&mut self) -> Result<(), CallError> {
         *self = Self::new(self.vehicle.clone(), self.settings)?;
         Ok(())
@@ -113,7 +115,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Time that was reached, s.
+    /// Time that the instance has reached, s.
     pub(crate) fn time_s(&self) -> f64 {
         self.time_s
     }
@@ -149,7 +151,7 @@ impl Instance {
     /// Values of variables that are floating-point numbers.
     pub(crate) fn floats(&mut self, references: &[u32], values: &mut [f64]) -> Result<(), CallError> {
         if self.phase == Phase::Initialization {
-            // What was set since shows in the first measurement.
+            // Values set since the start appear in the first measurement.
             self.measured_at_start()?;
         }
         for (&reference, value) in references.iter().zip(values) {
@@ -203,7 +205,7 @@ impl Instance {
         Ok(())
     }
 
-    /// The vehicle at its start, measured once.
+    /// A simulator at the start, with its first measurement.
     fn measured_at_start(&mut self) -> Result<Simulator, CallError> {
         let period_s = self.settings.period_s;
         let mut simulator = match self.noise {

@@ -1,4 +1,4 @@
-//! The shared library of this platform: where the executable finds it, and what it is called within an archive.
+//! The shared library of this platform: its location beside the executable, and its name in an archive.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ macro_rules! named {
     ($prefix:literal, $suffix:literal) => {
         /// File name of the shared library, beside the executable.
         pub const LIBRARY: &str = concat!($prefix, "whirlstand_fmu", $suffix);
-        /// What a shared library's name ends with here.
+        /// Suffix of a shared library's name on this platform.
         pub(crate) const SUFFIX: &str = $suffix;
     };
 }
@@ -32,7 +32,7 @@ pub(crate) const PLATFORM: &str = match cfg!(target_arch = "aarch64") {
     false => "x86_64-linux",
 };
 
-/// There is no library beside the executable.
+/// The reason why the library cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum LibraryError {
     /// Not found.
@@ -54,14 +54,14 @@ pub enum LibraryError {
     },
 }
 
-/// Reads the library that was built with `executable`: beside it, or where cargo leaves it when only the executable was
-/// asked for.
+/// Reads the library that was built with `executable`: beside it, or where cargo leaves it when only the
+/// executable was built.
 ///
 /// # Errors
 /// [`LibraryError`] when there is none.
 pub fn find_library(executable: &Path) -> Result<Vec<u8>, LibraryError> {
     let folder = executable.parent().unwrap_or(Path::new(""));
-    // Cargo always writes the one in deps; the one beside the executable may be of an earlier build.
+    // Cargo always writes the library in deps; the one beside the executable may be from an earlier build.
     let places = [folder.join("deps").join(LIBRARY), folder.join(LIBRARY)];
     let Some(path) = places.into_iter().find(|path| path.is_file()) else {
         return Err(LibraryError::Missing { executable: executable.into() });

@@ -2,21 +2,21 @@
 
 use whirlstand_vehicle::Vehicle;
 
-/// What a value reference stands for; signals by their index in the vehicle.
+/// The variable of a value reference; signals are given by their index in the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Variable {
     /// The independent variable, s.
     Time,
-    /// The seed of all that is random.
+    /// The seed of the random numbers.
     Seed,
-    /// Whether anything is random, and outputs rounded and sampled, at all.
+    /// Whether randomness, and rounding and sampling of outputs, are enabled.
     Noise,
     Input(usize),
     Output(usize),
     State(usize),
 }
 
-/// Value references: what there is once, then inputs, outputs and states in the vehicle's order.
+/// Value references: single variables first, then inputs, outputs and states in the vehicle's order.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Variables {
     inputs: usize,

@@ -1,38 +1,39 @@
-//! How a command fails: by what the user can mend (exit 2), or by what was run (exit 1).
+//! How a command fails: because of something that the user can correct (exit code 2), or in what was run
+//! (exit code 1).
 
 use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Exit code of a node that would fail again in the same way.
+/// Exit code of a node that would fail in the same way again.
 pub(crate) const FINAL: u8 = 3;
 
-/// Why a command did not succeed; the text is a full sentence for the user.
+/// Why a command failed; the text is a full sentence for the user.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
-    /// A file, an argument or a setting of the machine that the user can mend: exit code 2.
+    /// A file, an argument or a setting of the machine that the user can correct: exit code 2.
     #[error("{0}")]
     Mend(String),
     /// A node, a run or an expectation failed: exit code 1.
     #[error("{0}")]
     Run(String),
-    /// A node ended as it would end again: exit code 3, upon which it is not started anew.
+    /// A node failed in a way that would repeat: exit code 3. The node is not restarted.
     #[error("{0}")]
     Final(String),
 }
 
 impl Failure {
-    /// What the user can mend, told by `error`.
+    /// A failure that the user can correct, described by `error`.
     pub fn mend(error: impl std::fmt::Display) -> Self {
         Self::Mend(error.to_string())
     }
 
-    /// What went wrong while running, told by `error`.
+    /// A failure while running, described by `error`.
     pub fn run(error: impl std::fmt::Display) -> Self {
         Self::Run(error.to_string())
     }
 
-    /// A file or folder that cannot be used; `doing` says for what, as in "write the report to".
+    /// A file or folder that cannot be used; `doing` names the purpose, as in "write the report to".
     pub fn file(doing: &str, path: &Path, error: &std::io::Error) -> Self {
         let advice = match error.kind() {
             ErrorKind::StorageFull => {

@@ -1,4 +1,4 @@
-//! Keys for several hosts, as files: `ca.pem`, and `NAME.pem` with `NAME.key` for each member.
+//! Keys for several hosts, as files: `ca.pem`, and `NAME.pem` and `NAME.key` for each member.
 
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -12,7 +12,7 @@ use crate::error::Failure;
 /// The authority's certificate.
 const AUTHORITY: &str = "ca.pem";
 
-/// What a folder of keys lacks.
+/// A missing file in a folder of keys.
 #[derive(Debug, thiserror::Error)]
 #[error("{path} cannot be read ({source}): make keys with `whirlstand keys new`, and copy {name}.pem, {name}.key and ca.pem \
          to the host on which '{name}' runs", path = path.display())]
@@ -73,7 +73,7 @@ impl KeyFolder {
             write(format!("{name}.pem"), &identity.certificate, 0o644)?;
             write(format!("{name}.key"), &identity.key, 0o600)?;
         }
-        // Last: a folder without it is not whole.
+        // The authority's certificate is written last: a folder without it is incomplete.
         write(AUTHORITY.into(), &authority.certificate(), 0o644)
     }
 }

@@ -29,15 +29,16 @@ use tracing_subscriber::EnvFilter;
 use cli::{Cli, Command};
 use error::Failure;
 
-/// Warnings only, and of Zenoh errors only: it warns of the gossip that a bench leaves out on purpose.
+/// Default log filter: warnings only, and only errors of Zenoh. Zenoh warns of the gossip that a bench
+/// disables on purpose.
 const QUIET: &str = "warn,zenoh=error";
 
 /// Runs the `whirlstand` command.
 pub fn main() -> ExitCode {
     let (name, value) = whirlstand_bus::ONE_THREAD;
     if std::env::var_os(name).is_none() {
-        // SAFETY: this is the first thing that the process does, so no other thread reads the environment. Nodes and
-        // programs under `exec` inherit it.
+        // SAFETY: this is the first action of the process, so no other thread reads the environment. Nodes and
+        // programs under `exec` inherit the variable.
         unsafe { std::env::set_var(name, value) };
     }
     let cli = Cli::parse();
@@ -49,7 +50,8 @@ pub fn main() -> ExitCode {
     })
 }
 
-/// What this process and its children create is for its user alone: shared memory, sockets, locks, logs and pages.
+/// Restricts the files that this process and its children create to the user: shared memory, sockets, locks, logs
+/// and pages.
 fn keep_private() {
     let theirs = Mode::from_bits_retain(0o077);
     let before = umask(theirs);

@@ -1,36 +1,37 @@
-//! The limits of the operating system without which no bench can run, looked at before one starts.
+//! Checks, before a bench starts, the limits of the operating system without which it cannot run.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::error::Failure;
 
-/// Open files that a process of a bench needs: each topic of each peer is some of shared memory, or a connection.
+/// Open files that a process of a bench needs: each topic of each peer takes shared memory or a connection.
 const LEAST_FILES: u64 = 256;
 
-/// Open files that a process of a bench asks for, where it may.
+/// Open files that a process of a bench requests, where the hard limit allows it.
 const ENOUGH_FILES: u64 = 4096;
 
 /// Address space that a process of a bench needs, bytes: stacks of its threads, shared memory, and its log in the report.
 const LEAST_MEMORY: u64 = 512 << 20;
 
-/// Raises the limit of open files as far as this process may, and looks whether a bench can run.
+/// Raises the limit of open files as far as this process may, and checks whether a bench can run.
 ///
 /// # Errors
-/// When it cannot, with what to change: without this it would fail in the middle, each time elsewhere.
+/// When it cannot, with what to change. Without this check the bench would fail during the run, each time at
+/// a different place.
 pub(crate) fn check_for_bench() -> Result<(), Failure> {
     let files = getrlimit(Resource::Nofile);
     if let (Some(current), maximum) = (files.current, files.maximum.unwrap_or(ENOUGH_FILES))
         && current < ENOUGH_FILES.min(maximum)
     {
         let raised = Rlimit { current: Some(ENOUGH_FILES.min(maximum)), maximum: files.maximum };
-        // Where this is refused, what there is may still be enough.
+        // If this is refused, the present limit may still be enough.
         let _ = setrlimit(Resource::Nofile, raised);
     }
     let files = getrlimit(Resource::Nofile).current;
     verdict(files, getrlimit(Resource::As).current).map_or(Ok(()), |why| Err(Failure::Mend(why)))
 }
 
-/// Why a bench cannot run under these limits; `None` for no limit.
+/// Reason why a bench cannot run under these limits; `None` in an argument means no limit.
 fn verdict(files: Option<u64>, memory: Option<u64>) -> Option<String> {
     if let Some(files) = files.filter(|n| *n < LEAST_FILES) {
         return Some(format!(

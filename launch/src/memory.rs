@@ -1,18 +1,18 @@
-//! What happens where there is no memory left: one sentence and exit code 2, in the place of an abort. A node that flies ends
-//! with exit code 1, so that it is started again: memory that is short for a while is no end of a run.
+//! Behaviour when memory is exhausted: one sentence and exit code 2, instead of an abort. A node in flight ends
+//! with exit code 1, so that it is restarted: a temporary shortage of memory does not end a run.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 
-/// Exit code of what the user can mend.
+/// Exit code of a failure that the user can correct.
 const MENDABLE: i32 = 2;
 
-/// Exit code of what may go well the next time.
+/// Exit code of a failure after which another attempt may succeed.
 const FAILED: i32 = 1;
 
 #[global_allocator]
 static ALLOCATOR: OrSaySo = OrSaySo;
 
-/// The system's allocator. Where it has nothing, the process ends with a sentence.
+/// The system's allocator. When an allocation fails, the process ends with a sentence.
 struct OrSaySo;
 
 impl OrSaySo {
@@ -24,28 +24,31 @@ impl OrSaySo {
     }
 }
 
-/// What takes more than this is given back to the system as soon as it is free, bytes. A vector of all samples of ten
-/// minutes at 100 Hz of eight outputs is smaller (3.8 MB): a search makes and drops such vectors by the thousand, and to have
-/// each mapped and zeroed anew took as long as a third of the search. A signal of ten minutes at 1 kHz is larger (4.8 MB):
-/// of those a few are made before the search, and would lie between what it keeps.
+/// Size above which a block is given back to the system as soon as it is free, bytes. A vector of all samples of
+/// ten minutes at 100 Hz of eight outputs is smaller (3.8 MB): a search allocates and frees thousands of such
+/// vectors, and mapping and zeroing each of them anew took a third of the search's time. A signal of ten minutes
+/// at 1 kHz is larger (4.8 MB): a few of these are made before the search, and would fragment the memory that the
+/// search keeps.
 const LARGE: libc::c_int = 4 << 20;
 
-/// Of what is smaller, so much may lie free at an end of the heap before it is given back, bytes.
+/// Free memory of smaller blocks at the top of the heap that is kept before it is given back, bytes.
 const KEPT: libc::c_int = 32 << 20;
 
-/// Gives what is large and no longer held back to the system at once. By itself the system's allocator learns to keep pieces of
-/// up to 32 MB: for a long record that doubles what a process has, and its nodes have no such pieces.
+/// Makes the allocator give large free blocks back to the system at once. By default the system's allocator learns
+/// to keep blocks of up to 32 MB. For a long record that doubles the memory of a process; nodes have no such
+/// blocks.
 pub(crate) fn give_large_pieces_back() {
     #[cfg(target_env = "gnu")]
-    // SAFETY: mallopt(3) sets a number of the allocator, under its own lock; one that it does not take changes nothing.
+    // SAFETY: mallopt(3) sets a parameter of the allocator under its own lock; a value that it does not accept
+    // changes nothing.
     unsafe {
         libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE);
         libc::mallopt(libc::M_TRIM_THRESHOLD, KEPT);
     }
 }
 
-// SAFETY: every call is the system allocator's with the arguments as they came; a null pointer is never returned, because
-// the process then ends.
+// SAFETY: every call passes its arguments unchanged to the system allocator. A null pointer is never returned,
+// because the process ends first.
 unsafe impl GlobalAlloc for OrSaySo {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller keeps the contract of `alloc`.
@@ -68,7 +71,7 @@ unsafe impl GlobalAlloc for OrSaySo {
     }
 }
 
-/// Says how much was asked for, without asking for more, and ends the process.
+/// Reports the size of the failed allocation without allocating, and ends the process.
 #[cold]
 fn give_up(bytes: usize) -> ! {
     let mut digits = [0; 20];
@@ -79,10 +82,10 @@ fn give_up(bytes: usize) -> ! {
         b" more bytes were requested): allow this process more memory (ulimit -v, or its container's limit), or \
           use a shorter record\n",
     ] {
-        // SAFETY: write(2) reads the slice, which lives; what it could not write cannot be told anywhere else.
+        // SAFETY: write(2) reads the slice, which is alive; a failed write cannot be reported anywhere else.
         unsafe { libc::write(libc::STDERR_FILENO, part.as_ptr().cast(), part.len()) };
     }
-    // SAFETY: _exit(2) ends the process without running anything that could ask for memory again.
+    // SAFETY: _exit(2) ends the process without running code that could allocate again.
     unsafe { libc::_exit(if whirlstand_nodes::is_ready() { FAILED } else { MENDABLE }) }
 }
 

@@ -1,11 +1,12 @@
-//! Which processes there are, as the kernel tells it (proc_pid_stat(5), proc_pid_environ(5)).
+//! The processes of this machine, as the kernel reports them (proc_pid_stat(5), proc_pid_environ(5)).
 
 use std::os::fd::OwnedFd;
 use std::path::Path;
 
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
-/// The variable by which whatever a node starts is known, also when it left the node's process group.
+/// Environment variable that identifies every process that a node starts, even one that left the node's
+/// process group.
 pub(crate) const NOTIFY_SOCKET: &str = "NOTIFY_SOCKET";
 
 /// A process that has not ended.
@@ -16,12 +17,12 @@ pub(crate) struct ProcStat {
 }
 
 impl ProcStat {
-    /// A process by its number; `None` when there is none, or only a zombie that nobody has waited for.
+    /// A process by its number; `None` when there is none, or only a zombie.
     pub fn of(pid: i32) -> Option<Self> {
         Self::parse(&std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
     }
 
-    /// The fields behind the name, which stands in brackets and may hold anything: state, parent, group.
+    /// The fields after the name, which is in brackets and may hold any character: state, parent, group.
     fn parse(stat: &str) -> Option<Self> {
         let (_, fields) = stat.rsplit_once(')')?;
         let mut fields = fields.split_whitespace();
@@ -31,44 +32,45 @@ impl ProcStat {
     }
 }
 
-/// A process that has not ended, held so that a signal reaches no other that got its number later.
+/// A running process with an open handle, so that a signal cannot reach another process that got its number
+/// later.
 #[derive(Debug)]
 pub(crate) struct HeldProcess {
-    /// Its number.
+    /// Number of the process.
     pub pid: i32,
-    /// Its process group.
+    /// Group of the process.
     pub group: i32,
     handle: OwnedFd,
 }
 
 impl HeldProcess {
-    /// All processes that this one may see.
+    /// All processes that are visible to this one.
     pub fn all() -> impl Iterator<Item = Self> {
         let numbers = std::fs::read_dir("/proc").into_iter().flatten().flatten();
         numbers.filter_map(|e| Self::of(Pid::from_raw(e.file_name().to_str()?.parse().ok()?)?))
     }
 
     fn of(pid: Pid) -> Option<Self> {
-        // Held before the look, so that what is seen is of the process that is held.
+        // The handle is opened before the fields are read, so that they belong to the same process.
         let handle = pidfd_open(pid, PidfdFlags::empty()).ok()?;
         let pid = pid.as_raw_pid();
         Some(Self { pid, group: ProcStat::of(pid)?.group, handle })
     }
 
-    /// Whether its notify socket is this one, or in this folder: it was started by a node, or by what a node started, for as
-    /// long as the variable is handed on.
+    /// Whether the process's notify socket is `socket`, or is in that folder. It was then started by a node or by
+    /// a descendant of a node, as long as the variable was passed on.
     pub fn is_notifier(&self, socket: &Path) -> bool {
         let environment = std::fs::read(format!("/proc/{}/environ", self.pid)).unwrap_or_default();
         is_notifier(&environment, socket)
     }
 
-    /// Sends a signal. A process that has just ended needs none.
+    /// Sends a signal. The call has no effect on a process that has just ended.
     pub fn signal(&self, signal: Signal) {
         let _ = pidfd_send_signal(&self.handle, signal);
     }
 }
 
-/// Whether an environment, its entries ended by zeros, has a notify socket at or below this path.
+/// Whether an environment, whose entries end with zeros, has a notify socket at or below this path.
 fn is_notifier(environment: &[u8], socket: &Path) -> bool {
     use std::os::unix::ffi::OsStrExt;
     let value =

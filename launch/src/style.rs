@@ -1,13 +1,14 @@
-//! Colour, and what reaches the terminal of a text that others wrote.
+//! Colours of terminal text, and the escaping of text from other sources.
 //!
-//! A style is two marks in a text, and [`rendered`] puts the terminal's own sequences in their place. It also escapes every
-//! character that would move the cursor, change colours or turn the direction of reading: names and descriptions come from
-//! files, and lines from programs, and neither may write over what is said here. The colours are left out by `anstream`
-//! where no terminal is or NO_COLOR is set.
+//! A style is two marks in a text, and [`rendered`] replaces them with the terminal's own sequences. It also
+//! escapes every character that would move the cursor, change colours or turn the direction of reading: names and
+//! descriptions come from files, and lines from programs, and neither may overwrite the output of this program.
+//! `anstream` removes the colours where the output is no terminal or NO_COLOR is set.
 
 use anstyle::{AnsiColor, Style};
 
-/// Marks of the styles: noncharacters of Unicode, which are for a program's own use and stand in no text that is exchanged.
+/// Marks of the styles: noncharacters of Unicode, which are reserved for internal use and occur in no exchanged
+/// text.
 const GOOD: char = '\u{fdd0}';
 const BAD: char = '\u{fdd1}';
 const STRONG: char = '\u{fdd2}';
@@ -18,32 +19,32 @@ fn marked(style: char, text: &str) -> String {
     format!("{style}{text}{END}")
 }
 
-/// For what is as it should be.
+/// The text styled as correct.
 pub(crate) fn good(text: &str) -> String {
     marked(GOOD, text)
 }
 
-/// For what needs attention.
+/// The text styled as needing attention.
 pub(crate) fn bad(text: &str) -> String {
     marked(BAD, text)
 }
 
-/// For what matters most.
+/// The text styled as most important.
 pub(crate) fn strong(text: &str) -> String {
     marked(STRONG, text)
 }
 
-/// For what matters least.
+/// The text styled as least important.
 pub(crate) fn dim(text: &str) -> String {
     marked(DIM, text)
 }
 
-/// The text without its styles, for a page.
+/// The text without its style marks, for a page.
 pub(crate) fn plain(text: &str) -> String {
     text.chars().filter(|c| ![GOOD, BAD, STRONG, DIM, END].contains(c)).collect()
 }
 
-/// The text as the terminal is to get it.
+/// The text with the terminal's sequences for its styles, and with dangerous characters escaped.
 pub(crate) fn rendered(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut style = Style::new();
@@ -72,17 +73,19 @@ pub(crate) fn rendered(text: &str) -> String {
     out
 }
 
-/// Text that is not ours, such as a file that is shown: as it is for a program that reads it, escaped for a terminal.
+/// Text of other origin, such as the contents of a file: unchanged for a program that reads it, escaped for a
+/// terminal.
 pub(crate) fn data(text: &str, is_terminal: bool) -> String {
     if is_terminal { rendered(text) } else { text.into() }
 }
 
-/// Says a line on standard error.
+/// Prints a line on standard error.
 pub(crate) fn say(line: &str) {
     anstream::eprintln!("{}", rendered(line));
 }
 
-/// Control characters but for the ends of lines and tabs, and the marks that turn the direction of reading.
+/// Whether a character is dangerous: control characters other than line ends and tabs, and marks that turn
+/// the direction of reading.
 fn is_dangerous(c: char) -> bool {
     let turns = matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     c.is_control() && c != '\n' && c != '\t' || turns

@@ -1,8 +1,8 @@
-//! Balancing: powers of two that make rows and columns of a matrix alike in size.
+//! Balancing: scaling by powers of two that gives rows and columns of a matrix similar size.
 
 use nalgebra::DMatrix;
 
-/// Largest exponent, so that the ratio of two such powers of two is a number.
+/// Largest exponent, so that the ratio of two such powers of two is finite.
 const LARGEST: i32 = 500;
 
 /// Exponents e such that `D^-1 a D` with `D = diag(2^e)` has rows and columns of about equal 1-norm
@@ -19,7 +19,7 @@ pub fn balancing_exponents(a: &DMatrix<f64>) -> Vec<i32> {
             if column == 0.0 || row == 0.0 || !column.is_finite() || !row.is_finite() {
                 continue;
             }
-            // The quotient may overflow; the cast ends at the largest integer.
+            // The quotient may overflow; the cast saturates at the largest integer.
             let step = ((0.5 * (row / column).log2()).round() as i32).clamp(-LARGEST, LARGEST);
             if step == 0 || (exponents[i] + step).abs() > LARGEST {
                 continue;

@@ -52,12 +52,12 @@ pub fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<C64>, DecompositionError> {
     Ok(values)
 }
 
-/// Makes the eigenvalues of a real matrix exactly closed under conjugation, as complex arithmetic leaves them
-/// only nearly so.
+/// Makes the eigenvalues of a real matrix exactly closed under conjugation, which complex arithmetic achieves
+/// only approximately.
 fn pair_conjugates(values: &mut [C64], norm: f64) {
     let n = values.len();
     let mut done = vec![false; n];
-    // Largest imaginary parts first: a real eigenvalue never has to serve as a partner then.
+    // Largest imaginary parts come first, so that a real eigenvalue is never taken as a partner.
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|&i, &j| values[j].im.abs().total_cmp(&values[i].im.abs()));
     for &i in &order {

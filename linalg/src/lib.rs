@@ -1,9 +1,9 @@
-//! What is computed with: decompositions of dense matrices, each with a limit on its iterations and a failure that is an
-//! error, and the equations that are solved by them.
+//! Linear algebra: decompositions of dense matrices, each with a limit on its iterations and an error when it
+//! fails, and the equations that are solved with them.
 //!
-//! nalgebra's own `svd`, `symmetric_eigen` and `complex_eigenvalues` iterate until they converge, and there are matrices,
-//! a permutation among them, for which that is never. No other room calls them (`clippy.toml`). The matrix exponential
-//! is the vehicle's.
+//! nalgebra's own `svd`, `symmetric_eigen` and `complex_eigenvalues` iterate until they converge, and there are
+//! matrices, a permutation among them, for which they never do. No other room calls them (`clippy.toml`). The
+//! matrix exponential belongs to the vehicle's room.
 
 mod balance;
 mod eigen;

@@ -9,7 +9,7 @@ use super::{C64, DecompositionError, complex, symmetric_part};
 /// arithmetic. Defined when no two eigenvalues of `a` sum to zero; otherwise the result is not finite.
 ///
 /// # Errors
-/// [`DecompositionError`] when the Schur form of `a` cannot be had.
+/// [`DecompositionError`] when the Schur form of `a` cannot be computed.
 pub fn solve_lyapunov(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, DecompositionError> {
     let Schur { u, s } = Schur::new(&complex(a))?;
     let n = a.nrows();
@@ -38,7 +38,7 @@ pub fn solve_lyapunov(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>
 /// is not finite.
 ///
 /// # Errors
-/// [`DecompositionError`] when the Schur form of `a` cannot be had.
+/// [`DecompositionError`] when the Schur form of `a` cannot be computed.
 pub fn solve_stein(a: &DMatrix<f64>, q: &DMatrix<f64>) -> Result<DMatrix<f64>, DecompositionError> {
     let Schur { u, s } = Schur::new(&complex(a))?;
     let n = a.nrows();

@@ -10,10 +10,11 @@ use nalgebra::DMatrix;
 use super::scale::{is_finite, scale, unit_exponent};
 use super::{C64, DecompositionError};
 
-/// Sweeps for each eigenvalue on the average, as in LAPACK; two or three are usual.
+/// Most sweeps per eigenvalue on average, as in LAPACK; two or three are usual.
 const SWEEPS: usize = 30;
 
-/// Every so many sweeps without an eigenvalue, another shift breaks what may be a circle: a permutation is one.
+/// Number of sweeps without an eigenvalue after which an exceptional shift breaks a possible cycle, as for a
+/// permutation.
 const EXCEPTIONAL: usize = 10;
 
 /// `A = Q S Z^H` and `B = Q T Z^H` with `Q`, `Z` unitary and `S`, `T` upper triangular.
@@ -51,7 +52,7 @@ impl Rotation {
         Self { c: fnorm / h, s: (f / fnorm) * g.conj() / h }
     }
 
-    /// Rows `i`, `k` of `m`, columns `from..`, become the rotation times them.
+    /// Applies the rotation to rows `i`, `k` of `m`, columns `from..`, from the left.
     fn rows(self, m: &mut DMatrix<C64>, i: usize, k: usize, from: usize) {
         for j in from..m.ncols() {
             let (x, y) = (m[(i, j)], m[(k, j)]);
@@ -60,7 +61,8 @@ impl Rotation {
         }
     }
 
-    /// Columns `i`, `k` of `m`, rows `..to`, become them times the rotation's conjugate transpose.
+    /// Applies the conjugate transpose of the rotation to columns `i`, `k` of `m`, rows `..to`, from the
+    /// right.
     fn columns(self, m: &mut DMatrix<C64>, i: usize, k: usize, to: usize) {
         for r in 0..to {
             let (x, y) = (m[(r, i)], m[(r, k)]);
@@ -96,7 +98,7 @@ impl GeneralizedSchur {
         }
     }
 
-    /// Left rotation on rows `i`, `k` of both factors, gathered in `q`.
+    /// Applies a left rotation to rows `i`, `k` of both factors, and accumulates it in `q`.
     fn left(&mut self, rot: Rotation, i: usize, k: usize) {
         rot.rows(&mut self.s, i, k, 0);
         rot.rows(&mut self.t, i, k, 0);
@@ -104,7 +106,7 @@ impl GeneralizedSchur {
         rot.columns(&mut self.q, i, k, n);
     }
 
-    /// Right rotation on columns `i`, `k` of both factors, gathered in `z`.
+    /// Applies a right rotation to columns `i`, `k` of both factors, and accumulates it in `z`.
     fn right(&mut self, rot: Rotation, i: usize, k: usize) {
         let n = self.z.nrows();
         rot.columns(&mut self.s, i, k, n);
@@ -118,7 +120,7 @@ impl GeneralizedSchur {
         Rotation::annihilating(m[(row, k)].conj(), m[(row, k - 1)].conj())
     }
 
-    /// Hessenberg-triangular form by plane rotations.
+    /// Reduces the pencil to Hessenberg-triangular form by plane rotations.
     fn reduce(&mut self) {
         let n = self.s.nrows();
         let zero = C64::new(0.0, 0.0);
@@ -253,7 +255,7 @@ impl GeneralizedSchur {
         (self.s[(k, k)], self.t[(k, k)])
     }
 
-    /// Brings the marked eigenvalues to the top by swaps of neighbours.
+    /// Moves the selected eigenvalues to the top by exchanges of neighbours.
     pub fn reorder(&mut self, selected: &[bool]) {
         let mut marks = selected.to_vec();
         let mut top = 0;
@@ -279,7 +281,7 @@ impl GeneralizedSchur {
         // The first column becomes x c + conj(s) y, which this rotation makes proportional to g x - f y.
         let rot = Rotation::annihilating(g, -f);
         self.right(rot, k, k + 1);
-        // Both products point the same way; the larger one says it better.
+        // Both products are parallel; the larger one is more accurate.
         let by_s = s22.norm() * t11.norm() >= s11.norm() * t22.norm();
         let m = if by_s { &self.s } else { &self.t };
         let rot = Rotation::annihilating(m[(k, k)], m[(k + 1, k)]);

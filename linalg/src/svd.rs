@@ -1,17 +1,19 @@
-//! Singular values by one-sided Jacobi rotations, and what follows from them.
+//! Singular values by one-sided Jacobi rotations, and results derived from them.
 //!
-//! Pairs of columns are turned until all are at right angles (Hestenes, J. SIAM 6, 1958; Demmel and Veselic, SIAM J. Matrix
-//! Anal. Appl. 13, 1992). Small singular values come out as exactly as large ones. nalgebra's implicit QR iteration is not
-//! used: besides having no end for some matrices, it makes 11.25 of the only singular value of nine by nine ones.
+//! Pairs of columns are rotated until all are orthogonal (Hestenes, J. SIAM 6, 1958; Demmel and Veselic, SIAM J.
+//! Matrix Anal. Appl. 13, 1992). Small singular values have the same relative accuracy as large ones. nalgebra's
+//! implicit QR iteration is not used: it does not end for some matrices, and for the 9 x 9 matrix of ones it gives
+//! 11.25 for the only nonzero singular value, nine.
 
 use nalgebra::{ComplexField, DMatrix, DVector};
 
 use super::DecompositionError;
 
-/// Sweeps over all pairs of columns; some ten are usual.
+/// Most sweeps over all pairs of columns; about ten are usual.
 const SWEEPS: usize = 60;
 
-/// Norm below which a column counts as zero, where the largest entry of the matrix is about one: its square is a number.
+/// Norm below which a column counts as zero, where the largest entry of the matrix is about one; its square does
+/// not underflow.
 const ZERO: f64 = 1e-150;
 
 /// `A = U diag(values) V'`, thin: U is n x k, V' k x m with k the smaller of n and m.
@@ -77,7 +79,7 @@ where
     sized(values.into(), exponent)
 }
 
-/// The inverse of `a`, n x m, on what it reaches: singular values up to `floor` count as zero. It is m x n.
+/// The pseudo-inverse of `a`, n x m; singular values up to `floor` count as zero. It is m x n.
 ///
 /// # Errors
 /// As [`Svd::new`].
@@ -89,7 +91,7 @@ pub fn pseudo_inverse(a: &DMatrix<f64>, floor: f64) -> Result<DMatrix<f64>, Deco
     Ok((u * v_t).transpose())
 }
 
-/// `a` over the power of two that brings its largest entry to about one, and the exponent.
+/// `a` divided by the power of two that scales its largest entry to about one, and the exponent.
 fn unit_sized<T>(a: &DMatrix<T>) -> Result<(DMatrix<T>, i32), DecompositionError>
 where
     T: ComplexField<RealField = f64>,
@@ -100,7 +102,7 @@ where
     let largest =
         a.iter().map(|v| v.clone().real().abs().max(v.clone().imaginary().abs())).fold(0.0, f64::max);
     let exponent = if largest > 0.0 { largest.log2() as i32 } else { 0 };
-    // In two steps, as the power itself may be beyond the largest number.
+    // In two steps, as the power itself may overflow.
     let (half, rest) = (f64::powi(0.5, exponent / 2), f64::powi(0.5, exponent - exponent / 2));
     Ok((a.map(|v| v.scale(half).scale(rest)), exponent))
 }
@@ -111,7 +113,7 @@ fn sized(values: DVector<f64>, exponent: i32) -> Result<DVector<f64>, Decomposit
     if values.iter().all(|v| v.is_finite()) { Ok(values) } else { Err(DecompositionError::NotFinite) }
 }
 
-/// Turns the columns of `u` until they are at right angles, and those of `v` with them.
+/// Rotates the columns of `u` until they are orthogonal, and those of `v` in the same way.
 fn orthogonalise<T>(u: &mut DMatrix<T>, mut v: Option<&mut DMatrix<T>>) -> Result<(), DecompositionError>
 where
     T: ComplexField<RealField = f64>,
@@ -145,7 +147,7 @@ where
     Err(DecompositionError::NoConvergence { what: "singular values" })
 }
 
-/// Column q times `phase`, then columns p and q turned by the angle of this tangent.
+/// Multiplies column q by `phase`, then rotates columns p and q by the angle with this tangent.
 fn turn<T>(m: &mut DMatrix<T>, p: usize, q: usize, phase: &T, tangent: f64)
 where
     T: ComplexField<RealField = f64>,
@@ -159,8 +161,8 @@ where
     }
 }
 
-/// Column k becomes one of length one at right angles to those before it: what is left of the unit vector that they have
-/// least of.
+/// Replaces column k by a unit vector orthogonal to the columns before it: the remainder of the unit vector that
+/// they contain least of.
 fn complete<T>(u: &mut DMatrix<T>, k: usize)
 where
     T: ComplexField<RealField = f64>,
@@ -170,7 +172,7 @@ where
     let least = (0..shares.len()).min_by(|i, j| shares[*i].total_cmp(&shares[*j])).unwrap_or(0);
     let mut left = DVector::<T>::zeros(u.nrows());
     left[least] = T::one();
-    // The second time takes off what rounding has left the first time.
+    // The second pass removes the rounding errors of the first one.
     for _ in 0..2 {
         for j in 0..k {
             let part = u.column(j).dotc(&left);

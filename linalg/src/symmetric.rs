@@ -4,7 +4,7 @@ use nalgebra::{ComplexField, DMatrix, DVector, SymmetricEigen};
 
 use super::DecompositionError;
 
-/// Sweeps of the QR iteration for each eigenvalue; LAPACK allows thirty.
+/// Most sweeps of the QR iteration per eigenvalue; LAPACK allows thirty.
 const SWEEPS: usize = 60;
 
 /// Real eigenvalues and orthonormal eigenvectors, the columns, of the Hermitian n x n matrix `a`, of which the lower half

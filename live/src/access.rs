@@ -1,14 +1,15 @@
-//! Which requests are let in.
+//! Access control of the web server.
 //!
-//! On loopback every page that the user's browser shows could send requests here, so the host must be this machine (against
-//! names that are made to point here) and a control must come from the page itself. From elsewhere the token is needed.
+//! On loopback every page in the user's browser could send requests to this server. Therefore the host of a
+//! request must be this machine (against names that resolve to it), and a control must come from the page itself.
+//! From other machines the token is required.
 
 use axum::http::{HeaderMap, Uri, header};
 
-/// Who may look, and who may control.
+/// The rules of access to a page and its controls.
 #[derive(Debug, Clone)]
 pub(crate) struct Access {
-    /// Whoever comes from another machine must know it.
+    /// The token that a request from another machine must contain.
     pub token: Option<String>,
 }
 
@@ -21,7 +22,7 @@ impl Access {
         }
     }
 
-    /// Whether a request that changes something comes from the page, or from a program that is no browser.
+    /// Whether a request for a change comes from the page itself, or from a program that is no browser.
     pub fn may_control(&self, uri: &Uri, headers: &HeaderMap) -> bool {
         let is_json = text(headers, header::CONTENT_TYPE).is_some_and(|t| t.starts_with("application/json"));
         let origin = text(headers, header::ORIGIN);
@@ -50,7 +51,7 @@ fn given_token(uri: &Uri) -> Option<&str> {
     uri.query()?.split('&').find_map(|pair| pair.strip_prefix("token="))
 }
 
-/// Compares without telling by the time how much of it was right.
+/// Compares two texts in a time that does not depend on where they differ.
 fn same(given: &str, token: &str) -> bool {
     let differs = given.bytes().zip(token.bytes()).fold(0, |all, (a, b)| all | (a ^ b));
     given.len() == token.len() && differs == 0

@@ -1,27 +1,27 @@
-//! Where the page is served, and who may see it.
+//! The address of the page, and its token.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 use rand::RngExt;
 
-/// The port that is tried first where none is given.
+/// The port that is tried first where the address states none.
 pub const DEFAULT_PORT: u16 = 8480;
 
-/// Letters of a token: 22 of 64 are 132 bits.
+/// Characters of a token: 22 characters of 64 kinds are 132 bits.
 const TOKEN_LENGTH: usize = 22;
 const TOKEN_LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
 
-/// What is wrong with an address.
+/// The reason why an address is invalid.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is not an address: write a port, IP, IP:PORT or [IP]:PORT, such as 8480 or 192.0.2.2:8480")]
 pub struct AddressError(String);
 
-/// Where the page is served.
+/// The address at which a page is served.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Address {
-    /// Address and port; port 0 is any free one.
+    /// IP address and port; port 0 stands for any free one.
     pub socket: SocketAddr,
-    /// Whether the port was left open, so that another one will do.
+    /// Whether the port was not stated, so that another one may be used.
     pub any_port: bool,
 }
 
@@ -31,7 +31,7 @@ impl Default for Address {
     }
 }
 
-/// A text that nobody can guess.
+/// A random text that cannot be guessed.
 pub(crate) fn secret() -> String {
     let mut random = rand::rng();
     let letter = |_| char::from(TOKEN_LETTERS[random.random_range(0..TOKEN_LETTERS.len())]);
@@ -39,20 +39,20 @@ pub(crate) fn secret() -> String {
 }
 
 impl Address {
-    /// A token for whoever comes from another machine; on this one the address itself will do.
+    /// A new token for access from other machines; `None` for an address on loopback, which needs none.
     pub(crate) fn token(&self) -> Option<String> {
         (!self.socket.ip().is_loopback()).then(secret)
     }
 
-    /// Loopback, with a port that is tried first.
+    /// A loopback address with a port that is tried first.
     fn on_this_machine(port: u16) -> Self {
         Self { socket: SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port), any_port: true }
     }
 
-    /// Reads an address, with the port that is tried first where none is given.
+    /// Reads an address. `first_port` is tried first where the text states no port.
     ///
     /// # Errors
-    /// When it is none.
+    /// When the text is not an address.
     pub fn parse(text: &str, first_port: u16) -> Result<Self, AddressError> {
         let bare = text.trim();
         if bare.is_empty() {

@@ -1,4 +1,5 @@
-//! Hears a running bench: at a steady pace instead of being woken, so that nobody in the loop pays for it.
+//! A feed from a running bench. It polls at a steady rate instead of being woken, so that no node of the loop
+//! spends time on it.
 
 use std::time::{Duration, Instant};
 
@@ -9,10 +10,10 @@ use crate::ears::Ears;
 use crate::foxglove::FoxgloveFeed;
 use crate::hub::Hub;
 
-/// Time between two looks at the queues: 1024 messages are 10 ms at 100,000 steps/s, and 0.5 s at 2 kHz.
+/// Time between two polls of the queues: 1024 messages are 10 ms at 100,000 steps/s, and 0.5 s at 2 kHz.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// A feed from the bus. Like the bus it stays on the thread that opened it.
+/// A feed from the bus. Like the bus, it stays on the thread that opened it.
 pub struct BusFeed {
     collector: Collector,
     ears: Ears,
@@ -23,7 +24,7 @@ pub struct BusFeed {
 }
 
 impl BusFeed {
-    /// Listens to a bench, for the viewers of a page and, if there are any, for those with Foxglove.
+    /// Subscribes to a bench, for the viewers of a page and optionally for those with Foxglove.
     ///
     /// # Errors
     /// A port cannot be opened.
@@ -37,7 +38,7 @@ impl BusFeed {
         Ok(Self { collector, ears, hub, foxglove, frame_due: Instant::now() + FRAME, _bus: bus })
     }
 
-    /// Takes what waits, hands on a frame when it is due, and says when to look next.
+    /// Takes the waiting messages, sends a frame when one is due, and returns the time of the next call.
     ///
     /// # Errors
     /// The transport fails.
@@ -54,12 +55,12 @@ impl BusFeed {
         Ok(now + LOOK)
     }
 
-    /// Whether the plant has said that its run is over.
+    /// Whether the plant has reported the end of its run.
     pub fn plant_has_stopped(&self) -> bool {
         self.collector.plant_has_stopped()
     }
 
-    /// Whether all of these nodes have said how they are.
+    /// Whether all of these nodes have sent their `Health`.
     pub fn has_heard(&self, nodes: &[String]) -> bool {
         self.collector.has_heard(nodes)
     }
@@ -69,10 +70,10 @@ impl BusFeed {
         self.hub.publish(&frame, frame.anew);
     }
 
-    /// Hands on what came last, and leaves the bench; what was collected goes on elsewhere.
+    /// Sends the last messages and leaves the bench. The returned collector can continue with another feed.
     pub fn leave(mut self) -> Collector {
         let now = Instant::now();
-        // What the transport could not hand over is lost with the bench.
+        // Messages that the transport could not hand over are lost with the bench.
         let _ = self.turn(now);
         self.show(now, true);
         self.collector

@@ -1,11 +1,12 @@
-//! The band in which the normalised innovation squared of a right model lies.
+//! The band that contains the normalised innovation squared of a filter with a correct model.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Share of the values that lie in the band.
+/// Share of the values inside the band.
 const SHARE: f64 = 0.95;
 
-/// Limits of a chi-square value over its degrees of freedom, for 0 to as many degrees as are asked for.
+/// Limits of a chi-square variable divided by its degrees of freedom, for 0 to a greatest number of degrees
+/// of freedom.
 #[derive(Debug, Clone)]
 pub(crate) struct ChiSquareBand {
     limits: Vec<(f64, f64)>,
@@ -22,7 +23,7 @@ impl ChiSquareBand {
         Self { limits: limits.collect() }
     }
 
-    /// The limits for so many degrees of freedom; no numbers where there are none.
+    /// The limits for `degrees` degrees of freedom; NaN where there are none.
     pub fn of(&self, degrees: u32) -> (f64, f64) {
         self.limits.get(degrees as usize).copied().unwrap_or((f64::NAN, f64::NAN))
     }

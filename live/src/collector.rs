@@ -1,4 +1,4 @@
-//! Makes frames of messages: rows, events and nodes since the frame before.
+//! Makes frames from messages: the rows, events and nodes since the previous frame.
 
 use std::time::{Duration, Instant};
 
@@ -16,26 +16,26 @@ use crate::scene::{Scene, bench_info};
 /// Time between two frames.
 pub(crate) const FRAME: Duration = Duration::from_millis(50);
 
-/// Rows of a frame: every step of a bench up to 2 kHz, a part of those of a faster one.
+/// Most rows in a frame: every step of a bench up to 2 kHz, a part of the steps of a faster one.
 pub(crate) const MOST_ROWS: usize = 100;
 
-/// Frames from one with nodes to the next.
+/// Number of frames between two that contain the nodes.
 const NODES_EVERY: u64 = 10;
 
-/// Events of one frame; more tell no more.
+/// Most events in a frame; more would not be readable.
 const MOST_EVENTS: usize = 32;
 
-/// Steps by which a message may be ahead of the one that leads: two queues full.
+/// Steps by which a message may be ahead of the latest measurement: two full queues.
 const AHEAD: u64 = 2 * whirlstand_bus::MAX_DEPTH as u64;
 
-/// What is new since the frame before.
+/// A frame: all data since the previous frame.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub(crate) struct Frame {
     /// Bench time of the newest row, s.
     pub t: Option<f64>,
     /// Wall-clock time since the first frame, s.
     pub wall_s: f64,
-    /// All before is of another run.
+    /// Whether the earlier data belong to another run.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub anew: bool,
     pub rows: Block,
@@ -43,11 +43,11 @@ pub(crate) struct Frame {
     pub events: Vec<Event>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nodes: Option<Vec<NodeRow>>,
-    /// Messages that came faster than they were taken.
+    /// Number of messages that were lost because they arrived faster than they were taken.
     pub lost: u64,
 }
 
-/// Collects what a bench says.
+/// Collects the messages of a bench.
 pub struct Collector {
     scene: Scene,
     rows: Rows,
@@ -55,14 +55,14 @@ pub struct Collector {
     events: Events,
     happened: Vec<Event>,
     anew: bool,
-    /// The newest step when the last frame was made: what it lacked then has come by now.
+    /// The latest step at the previous frame: the messages that this step lacked then have arrived by now.
     settled: Option<u64>,
     frames: u64,
     began: Option<Instant>,
 }
 
 impl Collector {
-    /// Nothing heard yet; `is_running` for a bench whose processes are there now.
+    /// A collector without messages; `is_running` for a bench whose processes run now.
     pub fn new(scene: Scene, vehicle: &Vehicle, is_running: bool) -> Self {
         Self {
             rows: Rows::new(&scene, vehicle),
@@ -80,18 +80,18 @@ impl Collector {
         }
     }
 
-    /// The engine does this when the bench begins; it is flying unless it is said.
+    /// Sets the engine state at the start of the bench; without this it is flying.
     pub fn with_engine(mut self, engine: Engine) -> Self {
         self.rows.set_engine(engine);
         self
     }
 
-    /// Whether the plant has said that its run is over.
+    /// Whether the plant has reported the end of its run.
     pub(crate) fn plant_has_stopped(&self) -> bool {
         self.nodes.has_stopped("plant")
     }
 
-    /// Whether all of these nodes have said how they are.
+    /// Whether all of these nodes have sent their `Health`.
     pub(crate) fn has_heard(&self, nodes: &[String]) -> bool {
         nodes.iter().all(|node| self.nodes.is_known(node))
     }
@@ -101,7 +101,7 @@ impl Collector {
         self.scene.period_s
     }
 
-    /// Tells every viewer what is flown.
+    /// Sends the description of the vehicle to every viewer.
     pub fn greet(&self, hub: &Hub) {
         hub.greet(&json!({ "scene": self.scene, "columns": Rows::columns(&self.scene) }));
     }
@@ -124,14 +124,16 @@ impl Collector {
             BenchMessage::Adjustment(m) => return self.adjusted(m),
             _ => {}
         }
-        // What the run before still says of its last steps is not of this one; a measurement leads, however far it is ahead.
+        // The last messages of the previous run do not belong to this one. A measurement defines the latest step,
+        // however far it is ahead.
         let leads = matches!(heard, BenchMessage::Imu(_));
         if leads || self.rows.newest().is_none_or(|newest| step <= newest.saturating_add(AHEAD)) {
             self.rows.hear(heard);
         }
     }
 
-    /// The next frame. Unless all has come that belongs to the newest steps, these wait for the frame after it.
+    /// The next frame. Unless all messages of the latest steps have arrived, these steps wait for the following
+    /// frame.
     pub(crate) fn frame(&mut self, now: Instant, lost: u64, all_has_come: bool) -> Frame {
         let newest = self.rows.newest();
         let before = std::mem::replace(&mut self.settled, newest);
@@ -150,7 +152,7 @@ impl Collector {
         }
     }
 
-    /// Forgets what was heard; viewers are told.
+    /// Discards all data, and tells the viewers.
     pub(crate) fn begin_anew(&mut self) {
         self.rows.clear();
         self.settled = None;
@@ -159,7 +161,7 @@ impl Collector {
         self.happened.clear();
     }
 
-    /// A step 0 after others is a new run, also when that was a short one.
+    /// Whether a step begins a new run: a step 0 after others, also after a short run.
     fn went_back(&self, step: u64) -> bool {
         step == 0 && self.settled.is_some_and(|settled| settled > 0)
     }

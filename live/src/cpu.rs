@@ -1,14 +1,14 @@
-//! How much of a processor a node's process takes (proc_pid_stat(5)).
+//! Processor load of a node's process (proc_pid_stat(5)).
 
 use std::time::Instant;
 
-/// Time between two looks, s: the kernel counts in hundredths.
+/// Time between two measurements, s: the kernel counts in hundredths of a second.
 const PERIOD_S: f64 = 1.0;
 
-/// Ticks of the kernel's counts in a second, as Linux has it for programs (USER_HZ).
+/// Ticks per second of the kernel's counters, as Linux presents them to programs (USER_HZ).
 const TICKS_PER_S: f64 = 100.0;
 
-/// Processor time of one process between two looks.
+/// Processor time of one process between two measurements.
 #[derive(Debug, Default)]
 pub(crate) struct CpuMeter {
     last: Option<(u32, Instant, u64)>,
@@ -16,7 +16,8 @@ pub(crate) struct CpuMeter {
 }
 
 impl CpuMeter {
-    /// Looks at the process if it is time. A process of that number that is not the node belongs to another machine's bench.
+    /// Measures the process when a measurement is due. A process of that number that is not the node belongs to a
+    /// bench on another machine.
     pub fn look(&mut self, node: &str, pid: u32, now: Instant) {
         let since = |at: Instant| now.saturating_duration_since(at).as_secs_f64();
         let last = self.last.filter(|(before, _, _)| *before == pid);
@@ -49,7 +50,8 @@ fn ticks(pid: u32) -> Option<u64> {
     parse(&std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
 }
 
-/// User and system time, the 14th and 15th field; the name before them stands in brackets and may hold anything.
+/// User and system time, the 14th and 15th field. The name before them is in brackets and may hold any
+/// character.
 fn parse(stat: &str) -> Option<u64> {
     let (_, fields) = stat.rsplit_once(')')?;
     let mut fields = fields.split_whitespace().skip(11).map_while(|f| f.parse::<u64>().ok());

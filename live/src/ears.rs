@@ -1,4 +1,4 @@
-//! The messages of a running bench, as a feed hears them.
+//! Subscriptions of a feed to the messages of a running bench.
 
 use whirlstand_bus::{Bus, OpenError, RecvError, Subscriber};
 use whirlstand_logs::BenchMessage;
@@ -7,17 +7,17 @@ use whirlstand_msgs::{
     Sent, Setpoint, Truth,
 };
 
-/// Queue of each topic: whoever looks on may miss what a fast bench says, and is told how much.
+/// Queue length of each topic. A viewer may miss messages of a fast bench, and is told how many.
 const DEPTH: usize = whirlstand_bus::MAX_DEPTH;
 
 macro_rules! ears {
     ($($name:ident: $message:ident),* $(,)?) => {
-        /// Subscriptions to all that is shown.
+        /// Subscriptions to all topics that are shown.
         pub(crate) struct Ears {
             $($name: Subscriber<$message>,)*
             adjusted: Subscriber<Adjustment>,
             health: Subscriber<Health>,
-            /// Messages that could not be read.
+            /// Number of messages that could not be decoded.
             pub refused: u64,
         }
 
@@ -31,14 +31,14 @@ macro_rules! ears {
                 })
             }
 
-            /// Hands on what waits, at most one queue full of each topic.
+            /// Passes on the waiting messages, at most one full queue of each topic.
             pub fn drain(&mut self, mut hear: impl FnMut(&BenchMessage)) -> Result<(), RecvError> {
                 $(each(&mut self.$name, &mut self.refused, |m| hear(&m.into()))?;)*
                 each(&mut self.adjusted, &mut self.refused, |m| hear(&m.into()))?;
                 each(&mut self.health, &mut self.refused, |m| hear(&m.into()))
             }
 
-            /// Messages that came faster than they were taken.
+            /// Number of messages that were lost because they arrived faster than they were taken.
             pub fn lost(&self) -> u64 {
                 [$(self.$name.lost(),)* self.adjusted.lost()].into_iter().fold(self.health.lost(), u64::saturating_add)
             }

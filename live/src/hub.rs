@@ -1,4 +1,4 @@
-//! Hands every frame to whoever looks on. It waits for nobody: a viewer that does not read misses frames and is told so.
+//! Sends every frame to all viewers without waiting. A viewer that does not read misses frames and is told so.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -6,16 +6,16 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use serde_json::Value;
 use tokio::sync::broadcast::{Receiver, Sender, channel};
 
-/// Frames that a viewer may be behind: 12 s.
+/// Most frames that a viewer may be behind: 12 s.
 const BEHIND: usize = 256;
 
-/// Frames that a new viewer is told of: the last 60 s.
+/// Frames that a new viewer receives first: the last 60 s.
 const KEPT: usize = 1200;
 
-/// Most bytes of them.
+/// Most bytes of these frames.
 const KEPT_BYTES: usize = 32 << 20;
 
-/// A frame as text, or the end.
+/// A frame as text, or the end of the stream.
 #[derive(Debug, Clone)]
 pub(crate) enum Sent {
     Frame(Arc<str>),
@@ -30,7 +30,7 @@ struct Kept {
     ended: bool,
 }
 
-/// Where frames come in and viewers are served.
+/// Distributes frames to the viewers.
 #[derive(Debug, Clone)]
 pub struct Hub {
     sender: Sender<Sent>,
@@ -44,7 +44,7 @@ impl Default for Hub {
 }
 
 impl Hub {
-    /// What every viewer is told before anything else; it begins anew.
+    /// Sets the greeting that every viewer receives first, and discards the kept frames.
     pub(crate) fn greet(&self, greeting: &Value) {
         let text: Arc<str> = greeting.to_string().into();
         let mut kept = self.kept();
@@ -52,9 +52,9 @@ impl Hub {
         let _ = self.sender.send(Sent::Frame(text));
     }
 
-    /// Hands on a frame, and keeps it for viewers that come later.
+    /// Sends a frame, and keeps it for later viewers.
     pub(crate) fn publish(&self, frame: &impl serde::Serialize, anew: bool) {
-        // Plain data: there is nothing that JSON could refuse.
+        // Frames are plain data that JSON always accepts.
         let Ok(text) = serde_json::to_string(frame) else { return };
         let text: Arc<str> = text.into();
         let mut kept = self.kept();
@@ -68,11 +68,11 @@ impl Hub {
             let Some(oldest) = kept.frames.pop_front() else { break };
             kept.bytes -= oldest.len();
         }
-        // An error says that nobody looks.
+        // An error means that there is no viewer.
         let _ = self.sender.send(Sent::Frame(text));
     }
 
-    /// Says that nothing more will come, and why.
+    /// Tells the viewers that nothing more will come, and why.
     pub fn end(&self, why: &str) {
         let mut kept = self.kept();
         if std::mem::replace(&mut kept.ended, true) {
@@ -84,20 +84,21 @@ impl Hub {
         let _ = self.sender.send(Sent::End);
     }
 
-    /// All that a new viewer has to know, and all that comes after it.
+    /// The frames that a new viewer needs, a receiver of the following frames, and whether the stream has
+    /// ended.
     pub(crate) fn join(&self) -> (VecDeque<Arc<str>>, Receiver<Sent>, bool) {
         let kept = self.kept();
         let told = kept.greeting.iter().chain(&kept.frames).cloned().collect();
         (told, self.sender.subscribe(), kept.ended)
     }
 
-    /// Viewers that are there.
+    /// Number of connected viewers.
     pub fn viewers(&self) -> usize {
         self.sender.receiver_count()
     }
 
     fn kept(&self) -> MutexGuard<'_, Kept> {
-        // Whatever a thread that panicked left is a list of frames.
+        // After a panic in another thread the data are still a valid list of frames.
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

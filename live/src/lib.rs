@@ -1,9 +1,9 @@
-//! What flies, while it flies: a page in the browser and the same in a terminal.
+//! Live display of a flight: a page in the browser, and the same in a terminal.
 //!
-//! A feed ([`BusFeed`], [`LogFeed`]) hears messages as the recorder does, a [`Collector`] makes frames of them, the [`Hub`]
-//! hands every frame to whoever looks on, and the [`Server`] is a web server on that. [`Foxglove`] hands the messages
-//! themselves to programs that speak Foxglove's protocol. Nobody in the loop waits for any of
-//! them: a queue that is full loses its oldest message, a viewer that does not read misses frames and is told so.
+//! A feed ([`BusFeed`], [`LogFeed`]) receives messages as the recorder does, a [`Collector`] makes frames of them,
+//! the [`Hub`] sends every frame to all viewers, and the [`Server`] serves them over HTTP. [`Foxglove`] sends the
+//! messages themselves to programs that use Foxglove's protocol. No node of the loop waits for any of these: a
+//! full queue drops its oldest message, and a viewer that does not read misses frames and is told so.
 
 mod access;
 mod address;

@@ -1,4 +1,4 @@
-//! Plays a finished log, at any speed, from any place.
+//! Plays a finished log, at any speed and from any position.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,42 +10,42 @@ use whirlstand_logs::{BenchMessage, Log, LogStream, ReadError};
 use crate::collector::{Collector, FRAME, MOST_ROWS};
 use crate::hub::Hub;
 
-/// Slowest and fastest playing.
+/// Lowest and highest playing speed.
 const SPEEDS: (f64, f64) = (0.01, 1000.0);
 
-/// What is shown before the place that was asked for, s.
+/// Bench time that is shown before a requested position, s.
 const LEAD_S: f64 = 60.0;
 
-/// Messages that are read ahead: a queue full of every topic, and some.
+/// Messages that are read ahead: more than a full queue of every topic.
 const AHEAD: usize = 10 * whirlstand_bus::MAX_DEPTH;
 
-/// Most frames at once: those of a turn, and those up to a place that somebody goes to. A viewer can be behind by more.
+/// Most frames that are sent at once, in a turn or up to a requested position. A viewer's queue holds more.
 const FRAMES_OF_A_TURN: usize = 16;
 const FRAMES_OF_A_PLACE: usize = 128;
 
-/// Longest time that counts as one turn.
+/// Longest wall-clock time that counts in one turn.
 const LONGEST_TURN: Duration = Duration::from_millis(100);
 
 /// Longest time between two frames.
 const HEARTBEAT: Duration = Duration::from_secs(1);
 
-/// How a log is played; shared by the player and all viewers.
+/// State of playing, shared by the player and all viewers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 struct State {
-    /// Bench seconds in a second.
+    /// Speed: bench seconds per second.
     speed: f64,
     paused: bool,
-    /// A place to go to, s of bench time.
+    /// Requested position, s of bench time.
     #[serde(skip)]
     go_to: Option<f64>,
 }
 
-/// How a log is played.
+/// Shared control of how a log is played.
 #[derive(Debug, Clone)]
 pub struct Playback(Arc<Mutex<State>>);
 
 impl Playback {
-    /// Plays at a speed.
+    /// Playing at a given speed.
     ///
     /// # Errors
     /// As [`Self::set`].
@@ -58,7 +58,7 @@ impl Playback {
     /// Sets `speed`, `paused` (0 or 1) or `place` (s of bench time).
     ///
     /// # Errors
-    /// A sentence, for another key or a value beyond its limits.
+    /// A sentence, for another key or a value outside its limits.
     pub fn set(&self, key: &str, value: f64) -> Result<(), String> {
         let mut state = self.state();
         let (slowest, fastest) = SPEEDS;
@@ -73,12 +73,12 @@ impl Playback {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        // Three numbers that are right whatever happened.
+        // After a panic in another thread the three numbers are still valid.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// A frame, and how the log is played.
+/// A frame together with the state of playing.
 #[derive(Serialize)]
 struct Played<'a, F: Serialize> {
     #[serde(flatten)]
@@ -102,16 +102,16 @@ pub struct LogFeed {
     collector: Collector,
     hub: Hub,
     playback: Playback,
-    /// Bench time that was played, s.
+    /// Bench time up to which the log was played, s.
     at_s: f64,
     end_s: f64,
     last: Instant,
-    /// What was told last, and when.
+    /// State and position that were sent last, and when.
     told: Option<((State, f64), Instant)>,
 }
 
 impl LogFeed {
-    /// Opens a log; all of it is read once, for its end.
+    /// Opens a log. It is read once as a whole to find its end.
     ///
     /// # Errors
     /// The log cannot be read.
@@ -137,7 +137,7 @@ impl LogFeed {
         Ok(feed)
     }
 
-    /// Plays what is due and hands on a frame; says when the next is due.
+    /// Plays the messages that are due and sends a frame. Returns the time of the next call.
     ///
     /// # Errors
     /// The log cannot be read.
@@ -147,13 +147,13 @@ impl LogFeed {
         if let Some(place) = place {
             self.go_to(place.min(self.end_s))?;
         } else if !state.paused {
-            // A player that was held up goes on from where it was.
+            // A delayed player continues from where it was.
             let passed = now.saturating_duration_since(self.last).min(LONGEST_TURN);
             let until = (self.at_s + passed.as_secs_f64() * state.speed).min(self.end_s);
             self.show_until(until, FRAMES_OF_A_TURN, now, &state)?;
         }
         self.last = now;
-        // While nothing moves a frame now and then says that somebody is there.
+        // While nothing changes, a frame is still sent from time to time to show that the player is alive.
         let told = (state, self.at_s);
         if self.told.is_none_or(|(before, at)| before != told || now.duration_since(at) >= HEARTBEAT) {
             self.told = Some((told, now));
@@ -162,7 +162,7 @@ impl LogFeed {
         Ok(now + FRAME)
     }
 
-    /// Whether all was played.
+    /// Whether the whole log was played.
     pub fn is_at_end(&self) -> bool {
         self.at_s >= self.end_s
     }
@@ -180,16 +180,17 @@ impl LogFeed {
         self.collector.begin_anew();
         let state = *self.playback.state();
         let now = Instant::now();
-        // What lies before the place is read without being shown, but for what a viewer can look back on.
+        // Messages before the position are read without being shown, except for those that a viewer can look
+        // back on.
         self.at_s = (place - LEAD_S).max(0.0);
         self.skip_until(self.at_s)?;
         self.show_until(place, FRAMES_OF_A_PLACE, now, &state)
     }
 
-    /// Plays until a time, in as many frames as show every step, but no more than so many.
+    /// Plays up to a time, in as many frames as needed to show every step, but at most `most`.
     fn show_until(&mut self, until: f64, most: usize, now: Instant, state: &State) -> Result<(), ReadError> {
         let (from, steps) = (self.at_s, (until - self.at_s) / self.collector.period_s());
-        // Both ends of a piece may have a row.
+        // Both ends of an interval may have a row.
         let frames = ((steps / (MOST_ROWS - 1) as f64).ceil() as usize).clamp(1, most);
         for i in 1..=frames {
             let part = from + (until - from) * i as f64 / frames as f64;
@@ -216,21 +217,21 @@ impl LogFeed {
     }
 }
 
-/// Messages that were read before they are due. A recorder writes a queue full of one topic after the other, so that those
-/// of a step stand far from each other in the file.
+/// Messages that were read before they are due. A recorder writes a queue of one topic after the other, so the
+/// messages of one step are far apart in the file.
 #[derive(Default)]
 struct Ahead {
-    /// By the run of the plant, bench time in ns, and the order in the file.
+    /// Messages by run of the plant, bench time in ns, and order in the file.
     waiting: BTreeMap<(u32, u64, u64), BenchMessage>,
     run: u32,
-    /// Step and time of the last truth or measurement.
+    /// Step and time of the latest truth or measurement.
     newest: (u64, u64),
     read: u64,
     ended: bool,
 }
 
 impl Ahead {
-    /// The next message in the order of bench time, if `is_due` says so of its time in s.
+    /// The next message in the order of bench time, if `is_due` accepts its time in s.
     fn next(
         &mut self,
         stream: &mut LogStream,
@@ -252,7 +253,7 @@ impl Ahead {
             self.run += u32::from(head.step < self.newest.0);
             self.newest = (head.step, head.stamp_ns);
         }
-        // Health has the wall clock's time: it is due with what was written before it.
+        // `Health` carries wall-clock time, so it is due with the message that was written before it.
         let ns = if bench_s(&heard).is_some() { head.stamp_ns } else { self.newest.1 };
         self.waiting.insert((self.run, ns, self.read), heard);
         self.read += 1;
@@ -268,7 +269,7 @@ fn read(stream: &mut LogStream) -> Result<Option<BenchMessage>, ReadError> {
     Ok(None)
 }
 
-/// Bench time, s; `None` for health, which has the wall clock's.
+/// Bench time, s; `None` for `Health`, which carries wall-clock time.
 fn bench_s(heard: &BenchMessage) -> Option<f64> {
     heard.bench_ns().map(|ns| ns as f64 * 1e-9)
 }

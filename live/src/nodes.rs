@@ -1,4 +1,4 @@
-//! How the nodes are, from what they say of themselves.
+//! The state of the nodes, from their own reports.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -8,10 +8,10 @@ use whirlstand_msgs::{Health, LATENCY_BUCKETS, NodeState, latency_bucket_upper_n
 
 use crate::cpu::CpuMeter;
 
-/// A node that has said nothing for so long is silent: five times what a health report takes.
+/// Time without a report after which a node counts as silent: five times the period of health reports.
 const SILENT_S: f64 = 0.5;
 
-/// A node as it is shown.
+/// The data of a node that are shown.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct NodeRow {
     pub node: String,
@@ -21,14 +21,14 @@ pub(crate) struct NodeRow {
     pub lost: u64,
     pub rejected: u64,
     pub restarts: u32,
-    /// Upper edge of the bucket in which the middle of all latencies is, us.
+    /// Upper edge of the bucket that contains the median latency, us.
     pub median_us: Option<f64>,
-    /// The same for 99 of 100, us.
+    /// Upper edge of the bucket that contains the 99 % quantile of the latencies, us.
     pub p99_us: Option<f64>,
     pub max_us: Option<f64>,
-    /// Counts of the latencies, two buckets an octave from 0.5 us.
+    /// Histogram of the latencies, two buckets per octave from 0.5 us.
     pub latency: Vec<u32>,
-    /// Share of one processor, %; none for a process of another machine.
+    /// Share of one processor, %; `None` for a process of another machine.
     pub cpu_percent: Option<f64>,
 }
 
@@ -39,16 +39,16 @@ struct Known {
     cpu: CpuMeter,
 }
 
-/// All nodes that have said something.
+/// All nodes that have sent a report.
 #[derive(Default)]
 pub(crate) struct Nodes {
     known: BTreeMap<String, Known>,
-    /// Whether the processes are on this machine, now.
+    /// Whether the processes run on this machine now.
     is_here: bool,
 }
 
 impl Nodes {
-    /// Nodes of a bench that runs, whose processes may be looked at.
+    /// Nodes of a running bench, whose processes may be measured.
     pub fn running() -> Self {
         Self { is_here: true, ..Self::default() }
     }
@@ -69,17 +69,17 @@ impl Nodes {
         }
     }
 
-    /// Whether a node has said that it ends, and no other has its place.
+    /// Whether a node has reported its end and has not been replaced.
     pub fn has_stopped(&self, name: &str) -> bool {
         self.known.get(name).is_some_and(|known| known.health.state == NodeState::Stopping as u32)
     }
 
-    /// Whether a node has said anything.
+    /// Whether a node has sent a report.
     pub fn is_known(&self, name: &str) -> bool {
         self.known.contains_key(name)
     }
 
-    /// All nodes by name.
+    /// The rows of all nodes, by name.
     pub fn rows(&self, now: Instant) -> Vec<NodeRow> {
         self.known.iter().map(|(name, known)| self.row(name, known, now)).collect()
     }
@@ -112,7 +112,8 @@ impl Nodes {
     }
 }
 
-/// Upper edge of the bucket in which this share of all latencies is reached, us; `None` without any, and in the open bucket.
+/// Upper edge of the bucket in which this quantile of the latencies is, us; `None` without latencies, and for the
+/// open last bucket.
 fn quantile_us(counts: &[u32; LATENCY_BUCKETS], share: f64) -> Option<f64> {
     let all: u64 = counts.iter().map(|c| u64::from(*c)).sum();
     let wanted = (all as f64 * share).ceil().max(1.0) as u64;

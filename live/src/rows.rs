@@ -1,4 +1,4 @@
-//! Messages put side by side: a row for every step, a column for every line of the page.
+//! Joins messages into rows: a row for every step, a column for every line of the page.
 
 use std::collections::VecDeque;
 
@@ -10,16 +10,16 @@ use whirlstand_vehicle::{Engine, Vehicle};
 use crate::chi_square::ChiSquareBand;
 use crate::scene::Scene;
 
-/// Rows that may wait for the rest of their messages, as many as a queue of the bus holds twice.
+/// Most rows that may wait for further messages of their step: twice the length of a bus queue.
 const MOST_WAITING: usize = 2048;
 
 /// Half the width of a band that holds 95 % of a normal distribution, in standard deviations.
 const NORMAL_95: f64 = 1.96;
 
-/// Outputs whose bias is in [`Estimate`], in its order.
+/// Outputs whose bias [`Estimate`] contains, in its order.
 const BIASES: [&str; 4] = ["roll", "pitch", "roll_rate", "pitch_rate"];
 
-/// A column: what it is of the signal after the point. The page knows them by these names.
+/// Suffixes of column names: the quantity of a signal. The page uses the same names.
 mod column {
     pub const MEASURED: &str = "y";
     pub const ESTIMATED: &str = "e";
@@ -34,38 +34,38 @@ mod column {
     pub const NIS_HIGH: &str = "nis_high";
 }
 
-/// Columns of an output, one after the other in a row.
+/// Columns of an output, in their order in a row.
 const OF_OUTPUT: [&str; 6] =
     [column::MEASURED, column::ESTIMATED, column::SIMULATED, column::WANTED, column::RESIDUAL, column::BAND];
 const OF_INPUT: [&str; 2] = [column::COMMAND, column::APPLIED];
 
 struct Row {
     step: u64,
-    /// NaN where nothing is known.
+    /// Values of the columns; NaN where unknown.
     values: Vec<f32>,
 }
 
-/// Rows as they are sent: column by column.
+/// Rows as they are sent, column by column.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub(crate) struct Block {
     pub step: Vec<u64>,
-    /// Values column by column in the order of [`Rows::columns`]; none is `null`.
+    /// Values column by column in the order of [`Rows::columns`]; a missing value is `null`.
     pub values: Vec<Vec<f32>>,
-    /// So many steps stand in one row, on average.
+    /// Average number of steps per row.
     pub thinned: f64,
 }
 
-/// The rows of a bench that were not sent yet.
+/// The rows of a bench that have not been sent yet.
 pub(crate) struct Rows {
     vehicle: Vehicle,
-    /// Factor of each output and input into the unit that is shown.
+    /// Factors of outputs and inputs from SI to the unit that is shown.
     factors: (Vec<f64>, Vec<f64>),
-    /// State that an output shows under the same name.
+    /// Index of the state with the same name as each output.
     wanted: Vec<Option<usize>>,
     fields: Vec<Option<SensorField>>,
     biases: [Option<usize>; BIASES.len()],
     nis: ChiSquareBand,
-    /// Variance of what each sensor adds, SI.
+    /// Variance of the noise of each sensor, SI.
     noise: Vec<f64>,
     rows: VecDeque<Row>,
     columns: usize,
@@ -102,7 +102,7 @@ impl Rows {
         outputs.chain(inputs).chain(nis).collect()
     }
 
-    /// Takes in a message; one of a step that was sent comes too late.
+    /// Takes in a message; a message of a step that has been sent is ignored.
     pub fn hear(&mut self, heard: &BenchMessage) {
         match heard {
             BenchMessage::Imu(m) => self.measured(m),
@@ -145,7 +145,7 @@ impl Rows {
         }
     }
 
-    /// The engine does something else now, upon which the sensors feel another vibration.
+    /// Sets the engine state, on which the vibration of the sensors depends.
     pub fn set_engine(&mut self, engine: Engine) {
         self.noise = variances(&self.vehicle, engine);
     }
@@ -155,13 +155,13 @@ impl Rows {
         self.rows.back().map(|row| row.step).or(self.sent)
     }
 
-    /// Forgets all: the plant began anew.
+    /// Discards all rows, because the plant began a new run.
     pub fn clear(&mut self) {
         self.rows.clear();
         self.sent = None;
     }
 
-    /// Takes the rows up to a step, thinned to at most so many.
+    /// Takes the rows up to a step, thinned to at most `most` rows.
     pub fn take(&mut self, until: u64, most: usize) -> Block {
         let ready = self.rows.partition_point(|row| row.step <= until);
         let mut rows: Vec<Row> = self.rows.drain(..ready).collect();
@@ -200,7 +200,7 @@ impl Rows {
         self.rows.get_mut(at).map(|row| row.values.as_mut_slice())
     }
 
-    /// C x + D u, in the units that are shown.
+    /// C x + D u in the units that are shown.
     fn outputs_of(&self, x: &[f64], u: &[f64]) -> Vec<f64> {
         let v = &self.vehicle;
         let one = |i: usize| -> f64 {
@@ -237,7 +237,8 @@ impl Rows {
         let v = &self.vehicle;
         let variance =
             |i: usize| -> f64 { (0..v.states.len()).map(|j| (v.c[(i, j)] * m.std[j]).powi(2)).sum::<f64>() };
-        // What the filter has not explained of a measurement after it has used it: R - C P C', by the Kalman gain.
+        // Variance of a measurement's residual after the filter's update: R - C P C', computed from the Kalman
+        // gain.
         let band = |i: usize| {
             let left = self.noise[i] - variance(i);
             if left > 0.0 { NORMAL_95 * left.sqrt() * self.factors.0[i] } else { f64::NAN }
@@ -263,7 +264,7 @@ fn variances(vehicle: &Vehicle, engine: Engine) -> Vec<f64> {
     vehicle.outputs.iter().map(|output| output.sensor_std(engine, 0.0).powi(2)).collect()
 }
 
-/// One row of several: the last value that each column has.
+/// Merges several rows into one: the last value of each column.
 fn merged(rows: &mut [Row]) -> Row {
     let Some((last, before)) = rows.split_last_mut() else { return Row { step: 0, values: Vec::new() } };
     for (i, value) in last.values.iter_mut().enumerate().filter(|(_, value)| value.is_nan()) {

@@ -1,20 +1,20 @@
-//! What is flown: the names, units and limits that every viewer needs once.
+//! The scene: the names, units and limits that every viewer needs once.
 
 use serde::{Deserialize, Serialize};
 use whirlstand_logs::{BenchInfo, SignalInfo};
 use whirlstand_vehicle::{SignalUnit, Vehicle};
 
-/// A signal as it is shown.
+/// A signal with the unit in which it is shown.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Signal {
     pub name: String,
     /// Unit in which it is shown.
     pub unit: String,
-    /// How many of it one SI unit is.
+    /// Factor from the SI unit to the unit that is shown.
     pub factor: f64,
     /// Unit of its derivative.
     pub derivative_unit: String,
-    /// Least and greatest value, in the unit that is shown; none where nothing limits it.
+    /// Least and greatest value, in the unit that is shown; `None` without limits.
     pub limits: Option<(f64, f64)>,
 }
 
@@ -32,47 +32,47 @@ impl Signal {
 /// An effect that can be switched.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SwitchedEffect {
-    /// Its number, from 1, those of the vehicle file first.
+    /// Number of the effect, from 1, those of the vehicle file first.
     pub number: u32,
-    /// What and where it is.
+    /// Kind and location of the effect in words.
     pub text: String,
 }
 
 impl SwitchedEffect {
-    /// Those of a vehicle with all its effects.
+    /// The switchable effects of a vehicle that includes all effects.
     pub fn all(vehicle: &Vehicle) -> Vec<Self> {
         let numbered = (1..).zip(&vehicle.effects).filter(|(_, effect)| !effect.window().is_always());
         numbered.map(|(number, effect)| Self { number, text: effect.told() }).collect()
     }
 }
 
-/// Which controls a viewer has.
+/// The controls of a viewer.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Controls {
-    /// None: the page only shows.
+    /// No controls: the page only shows.
     Nothing,
-    /// Those of a running bench.
+    /// The controls of a running bench.
     Bench {
-        /// Why the plant takes nothing from outside; `None` when it does.
+        /// Reason why the plant accepts no change from outside; `None` when it does.
         plant_closed: Option<String>,
-        /// Why the controller takes nothing from outside; `None` when it does.
+        /// Reason why the controller accepts no change from outside; `None` when it does.
         controller_closed: Option<String>,
     },
-    /// Those of a finished log: speed, pause, place.
+    /// The controls of a finished log: speed, pause, position.
     Log,
 }
 
-/// What is flown.
+/// Description of the bench or log that is shown.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scene {
-    /// What the page is called: the bench or the log.
+    /// Title of the page: the bench or the log.
     pub title: String,
-    /// A line below it.
+    /// Line below the title.
     pub subtitle: String,
     /// Period of the loop, s.
     pub period_s: f64,
-    /// Which controls there are.
+    /// The controls of the viewers.
     pub controls: Controls,
     /// Effects that can be switched.
     pub effects: Vec<SwitchedEffect>,
@@ -100,7 +100,7 @@ impl Scene {
     }
 }
 
-/// What a bench's messages are told by: the names of the vehicle's signals, and the period.
+/// The data with which a bench's messages are interpreted: names of the vehicle's signals, and the period.
 pub(crate) fn bench_info(vehicle: &Vehicle, period_ns: u64) -> BenchInfo {
     let signal = |name: &str, unit: &SignalUnit| SignalInfo::of(name, &unit.shown());
     BenchInfo {

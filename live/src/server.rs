@@ -23,16 +23,16 @@ use crate::access::Access;
 use crate::address::Address;
 use crate::hub::{Hub, Sent};
 
-/// Viewers at once; each has a queue of frames.
+/// Most simultaneous viewers; each has a queue of frames.
 const MOST_VIEWERS: usize = 16;
 
-/// Longest request of a control, bytes.
+/// Longest control request, bytes.
 const LONGEST_CONTROL: usize = 4096;
 
-/// How long viewers that read have to be told of the end.
+/// Time in which viewers that read are told of the end.
 const FAREWELL: Duration = Duration::from_millis(500);
 
-/// Time between two looks whether the end has come.
+/// Time between two checks whether the server is to end.
 const LOOK: Duration = Duration::from_millis(20);
 
 const TEMPLATE: &str = include_str!("../assets/live.html");
@@ -46,15 +46,15 @@ const SCRIPTS: [&str; 6] = [
     include_str!("../assets/live.js"),
 ];
 
-/// What a viewer asks for.
+/// A viewer's request.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Control {
-    /// A push: `STATE=SIZE`, for so many seconds.
+    /// A disturbance: `STATE=SIZE`, for a number of seconds.
     Inject {
         /// State and size with its unit.
         what: String,
-        /// Length, s.
+        /// Duration, s.
         for_s: f64,
     },
     /// A setting: `KEY=VALUE`.
@@ -62,26 +62,27 @@ pub enum Control {
         /// Key and value with its unit.
         what: String,
     },
-    /// The stick is taken over.
+    /// Takes the stick over.
     Take {
-        /// A number of the viewer's choice, another for each time that it takes over.
+        /// A number chosen by the viewer, different for each takeover.
         hand: u64,
     },
-    /// Where the stick is, while it is in the viewer's hand.
+    /// Position of the stick while the viewer holds it.
     Stick {
-        /// The number under which it was taken over.
+        /// The number under which the stick was taken over.
         hand: u64,
-        /// By input, -1 to 1 from its least to its greatest value; inputs that are not there are neutral.
+        /// Position by input, -1 to 1 from the input's least to its greatest value; inputs that are not
+        /// listed are neutral.
         at: BTreeMap<String, f64>,
     },
-    /// The stick is given back to the law.
+    /// Gives the stick back to the law.
     Give {
-        /// The number under which it was taken over.
+        /// The number under which the stick was taken over.
         hand: u64,
     },
-    /// The end of the run, in order.
+    /// Ends the run in order.
     Stop {},
-    /// A change of how a log is played.
+    /// Changes how a log is played.
     Play {
         /// `speed`, `paused` or `place`.
         key: String,
@@ -90,13 +91,13 @@ pub enum Control {
     },
 }
 
-/// What became of it: a sentence, right or wrong.
+/// Result of a request: a sentence, for success or refusal.
 pub type Answer = Result<String, String>;
 
 /// Why the page cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
-    /// The address cannot be had.
+    /// The address is not available.
     #[error("cannot serve on {socket}: {source}; choose another address")]
     Listen {
         /// The address.
@@ -104,7 +105,7 @@ pub enum ServerError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// The system gives no thread or poller.
+    /// The system provides no thread or poller.
     #[error("cannot serve: {0}")]
     Start(std::io::Error),
 }
@@ -116,7 +117,7 @@ struct Shared {
     access: Access,
     act: Act,
     page: String,
-    /// One control after the other.
+    /// Lets one control be carried out at a time.
     turn: tokio::sync::Mutex<()>,
 }
 
@@ -128,7 +129,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves the frames of a hub; `act` does what viewers ask for, on a thread where it may wait.
+    /// Serves the frames of a hub. `act` carries out the viewers' requests, on a thread where it may block.
     ///
     /// # Errors
     /// [`ServerError`].
@@ -149,7 +150,8 @@ impl Server {
             page: page(),
             turn: tokio::sync::Mutex::default(),
         });
-        // Not that of one thread alone: a bench over Zenoh cannot be joined from within such a one.
+        // A runtime with several threads: a bench over Zenoh cannot be joined from within a single-threaded
+        // one.
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("live-page")
@@ -163,7 +165,7 @@ impl Server {
             let stop = stop.clone();
             let body = move || {
                 runtime.block_on(serve(listener, shared, &stop));
-                // Whoever still waits for the bench is not waited for.
+                // Requests that still wait for the bench are not waited for.
                 runtime.shutdown_background();
             };
             std::thread::Builder::new().name("live-page".into()).spawn(body).map_err(ServerError::Start)?
@@ -171,7 +173,7 @@ impl Server {
         Ok(Self { url, stop, thread: Some(thread) })
     }
 
-    /// Where the page is, with its token.
+    /// URL of the page, with its token.
     pub fn url(&self) -> &str {
         &self.url
     }
@@ -201,7 +203,8 @@ fn listen(address: Address) -> Result<TcpListener, ServerError> {
     }
 }
 
-/// The address as others reach it: that of all interfaces is none.
+/// The address at which other machines reach a socket; the address of all interfaces is replaced by this
+/// machine's own.
 pub(crate) fn reachable(mut socket: SocketAddr) -> SocketAddr {
     if socket.ip().is_unspecified() && socket.is_ipv4() {
         socket.set_ip(own_address().unwrap_or(socket.ip()));
@@ -209,7 +212,7 @@ pub(crate) fn reachable(mut socket: SocketAddr) -> SocketAddr {
     socket
 }
 
-/// The address by which this machine is known outside. Nothing is sent.
+/// The address of this machine in the network. Nothing is sent to find it.
 fn own_address() -> Option<std::net::IpAddr> {
     let socket = std::net::UdpSocket::bind("0.0.0.0:0").ok()?;
     socket.connect("192.0.2.1:9").ok()?;
@@ -241,7 +244,7 @@ async fn serve(listener: TcpListener, shared: Arc<Shared>, stop: &AtomicBool) {
     futures_util::future::select(served, ended).await;
 }
 
-/// The page with its styles and scripts: nothing else is loaded.
+/// The page with its styles and scripts; it loads nothing else.
 fn page() -> String {
     TEMPLATE
         .replace("{{style}}", &[whirlstand_report::page::STYLE, STYLE].concat())
@@ -280,7 +283,8 @@ async fn events(State(shared): State<Arc<Shared>>, uri: Uri, headers: HeaderMap)
     Sse::new(frames(&shared.hub)).keep_alive(KeepAlive::default()).into_response()
 }
 
-/// What one viewer is sent. Nobody but its own connection asks for the next, so one that does not read holds up itself.
+/// The stream of frames for one viewer. It advances only when the viewer's connection asks for more, so a viewer
+/// that does not read delays only itself.
 fn frames(hub: &Hub) -> impl Stream<Item = Result<Event, Infallible>> + use<> {
     let (told, receiver, ended) = hub.join();
     let state = (told, Some(receiver).filter(|_| !ended));
@@ -309,7 +313,7 @@ async fn control(State(shared): State<Arc<Shared>>, uri: Uri, headers: HeaderMap
     let answer = match serde_json::from_slice::<Control>(&body) {
         Err(e) => Err(format!("this control cannot be parsed: {e}")),
         Ok(control) => {
-            // A stick waits for nobody: late it would be of no use.
+            // A stick position does not wait for other controls, because it would be useless if late.
             let _turn = match control {
                 Control::Stick { .. } => None,
                 _ => Some(shared.turn.lock().await),

@@ -1,4 +1,4 @@
-//! What a log says about the bench that it was recorded on.
+//! The description in a log of the bench on which it was recorded.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ pub struct SignalInfo {
     pub name: String,
     /// SI unit, as [`whirlstand_msgs::units::Unit`] writes it; empty for a pure number.
     pub unit: String,
-    /// Unit in which a reader sees it, as the vehicle file declares it; empty where that is not known.
+    /// Unit in which values are shown, as the vehicle file declares it; empty where that is unknown.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub shown: String,
 }
@@ -30,12 +30,12 @@ impl SignalInfo {
         Self { name: name.into(), unit: unit.into(), shown: String::new() }
     }
 
-    /// A signal with the unit in which a reader sees it.
+    /// A signal with the unit in which it is shown.
     pub fn of(name: impl Into<String>, unit: &ShownUnit) -> Self {
         Self { shown: unit.symbol().into(), ..Self::new(name, unit.si_symbol()) }
     }
 
-    /// How values are shown.
+    /// The unit in which values are shown.
     pub fn shown_unit(&self) -> ShownUnit {
         let declared = self.shown.parse::<Unit>().ok().filter(|unit| unit.si_symbol() == self.unit);
         match declared {
@@ -45,14 +45,14 @@ impl SignalInfo {
     }
 }
 
-/// The bench behind a log: who ran what, and what the numbers in its messages are called.
+/// Description of the bench that recorded a log, and the names of the signals in its messages.
 ///
-/// Written as one MCAP metadata record called [`METADATA_NAME`], every field a text under its own key, lists as
-/// JSON, so that any MCAP tool shows it.
+/// It is written as one MCAP metadata record called [`METADATA_NAME`]. Every field is a text under its own key,
+/// with lists as JSON, so that any MCAP tool shows it.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct BenchInfo {
-    /// Version of the program that recorded.
+    /// Version of the program that recorded the log.
     pub version: String,
     /// Name of the launch file.
     pub launch: String,
@@ -74,15 +74,15 @@ pub struct BenchInfo {
     pub inputs: Vec<SignalInfo>,
     /// Outputs that the vehicle's sensors measure.
     pub outputs: Vec<SignalInfo>,
-    /// Whatever else the recorder was told to keep.
+    /// Further entries that the recorder was told to keep.
     pub extra: BTreeMap<String, String>,
 }
 
 impl BenchInfo {
-    /// The texts of the metadata record.
+    /// The fields as texts of the metadata record.
     pub(crate) fn to_map(&self) -> BTreeMap<String, String> {
         let list = |signals: &[SignalInfo]| {
-            // Two strings a signal: there is nothing that JSON could refuse.
+            // A signal is two strings, which JSON always accepts.
             serde_json::to_string(signals).unwrap_or_else(|e| unreachable!("names as JSON: {e}"))
         };
         let mut map = self.extra.clone();
@@ -104,7 +104,7 @@ impl BenchInfo {
         map
     }
 
-    /// Reads what [`Self::to_map`] wrote. The error names the key whose text does not fit.
+    /// Reads the texts that [`Self::to_map`] wrote. The error names the key whose text is invalid.
     pub(crate) fn from_map(map: &BTreeMap<String, String>) -> Result<Self, String> {
         let mut rest = map.clone();
         let mut take = |key: &str| rest.remove(key).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The messages of a bench's log, each as its own type: which topics a bench records, in one list, and how they are read.
+//! The typed messages of a bench's log: the list of the recorded topics, and how they are read.
 
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Head, Health, Imu, MAX_OUTPUTS, Message,
@@ -12,10 +12,10 @@ use crate::named_schema::named_schema;
 use crate::read_error::ReadError;
 use crate::stream::{LogStream, RawMessage};
 
-/// Hands the topics that carry the loop, and so are recorded, to another macro: a field's name and the message's type.
+/// Passes the topics of the loop, which are recorded, to another macro: a field's name and the message's type.
 ///
-/// They stand in the order in which a recorder looks at them: truth first, because what it has reached bounds how much
-/// of the others can be waiting. [`Health`] is recorded as well; it is about nodes, not about the loop.
+/// The order is that in which a recorder reads the topics: truth comes first, because its progress bounds how many
+/// messages of the others can be waiting. [`Health`] is recorded as well; it concerns nodes and not the loop.
 #[macro_export]
 macro_rules! loop_topics {
     ($to:ident) => {
@@ -35,7 +35,7 @@ macro_rules! loop_topics {
     };
 }
 
-/// How the messages of a topic are written.
+/// Type and schema of the messages of a topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MessageType {
     /// Topic, without its `/`.
@@ -57,7 +57,7 @@ macro_rules! bench_message {
         bench_message!(all $($message)* Adjustment Health);
     };
     (all $($message:ident)*) => {
-        /// A message of a bench: of the loop, about a change that was asked for from outside, or about a node.
+        /// A message of a bench: of the loop, about a change requested from outside, or about a node.
         #[derive(Debug, Clone, Copy)]
         #[expect(missing_docs, reason = "each holds the message of its name")]
         pub enum BenchMessage {
@@ -71,26 +71,26 @@ macro_rules! bench_message {
         })*
 
         impl BenchMessage {
-            /// Number, step and time.
+            /// Head of the message: number, step and time.
             pub fn head(&self) -> &Head {
                 match self {
                     $(Self::$message(m) => &m.head,)*
                 }
             }
 
-            /// Topic, without its `/`, and memory image.
+            /// Topic, without its `/`, and the message's bytes in memory.
             pub fn raw(&self) -> (&'static str, &[u8]) {
                 match self {
                     $(Self::$message(m) => ($message::TOPIC, bytemuck::bytes_of(m)),)*
                 }
             }
 
-            /// All types, with the schemas of a bench.
+            /// All message types, with the schemas of a bench.
             pub fn types(info: &BenchInfo) -> Vec<MessageType> {
                 vec![$(MessageType::of::<$message>(info),)*]
             }
 
-            /// The message as its type; `None` when no bench records its topic.
+            /// Decodes a message into its type; `None` when no bench records its topic.
             ///
             /// # Errors
             /// As [`RawMessage::decode`].
@@ -105,7 +105,7 @@ macro_rules! bench_message {
 }
 
 impl BenchMessage {
-    /// Bench time of the message, ns; `None` for health, which carries the wall clock's.
+    /// Bench time of the message, ns; `None` for `Health`, which carries wall-clock time.
     pub fn bench_ns(&self) -> Option<u64> {
         match self {
             Self::Health(_) => None,
@@ -125,14 +125,14 @@ impl Log {
     /// The messages that a bench records, in file order, one at a time.
     ///
     /// # Errors
-    /// [`ReadError::Io`] when the file has gone since.
+    /// [`ReadError::Io`] when the file no longer exists.
     pub fn bench_messages(&self) -> Result<BenchMessages, ReadError> {
         Ok(BenchMessages { stream: self.stream()? })
     }
 }
 
 impl BenchMessages {
-    /// What could not be written, as the files read so far say.
+    /// Holes in the log, as far as the files read so far report them.
     pub fn holes(&self) -> Vec<Hole> {
         self.stream.holes().collect()
     }
@@ -156,13 +156,13 @@ impl Iterator for BenchMessages {
     }
 }
 
-/// The states that a setpoint asks for, SI; NaN where one is not tracked.
+/// The states that a setpoint requests, SI; NaN where a state is not tracked.
 pub fn wanted(setpoint: &Setpoint) -> Vec<f64> {
     let tracked = |i: usize| i < 64 && setpoint.tracked >> i & 1 == 1;
     setpoint.x.iter().enumerate().map(|(i, x)| if tracked(i) { *x } else { f64::NAN }).collect()
 }
 
-/// Where an output of the vehicle stands in the messages of its sensor.
+/// Location of a vehicle's output in the messages of its sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SensorField {
     /// Topic of the sensor's messages.
@@ -175,8 +175,8 @@ pub struct SensorField {
 }
 
 impl SensorField {
-    /// Finds output `index` of a vehicle: by its name among the fields of [`Imu`] and [`Odometry`], by its number in
-    /// [`Outputs`]. `None` for one that no message has room for.
+    /// Finds output `index` of a vehicle: by its name among the fields of [`Imu`] and [`Odometry`], or by its
+    /// number in [`Outputs`]. `None` for an output that no message has room for.
     pub fn of(output: &str, index: usize) -> Option<Self> {
         Self::named::<Imu>(output).or_else(|| Self::named::<Odometry>(output)).or_else(|| {
             let offset_of = |name: &str| Outputs::FIELDS.iter().find(|f| f.name == name).map(|f| f.offset);
@@ -193,7 +193,8 @@ impl SensorField {
         let values: Vec<_> = M::FIELDS.iter().filter(|f| f.kind == "f64").collect();
         let index = values.iter().position(|f| f.name == output)?;
         let valid_offset = M::FIELDS.iter().find(|f| f.name == "valid")?.offset;
-        // Both sensor messages have two groups of equal size. Messages are little-endian: the first byte holds both bits.
+        // Both sensor messages have two groups of equal size. Messages are little-endian, so the first byte holds
+        // both bits.
         let valid_bit = if 2 * index < values.len() { valid::FIRST } else { valid::SECOND } as u8;
         Some(Self { topic: M::TOPIC, offset: values[index].offset, valid_offset, valid_bit })
     }

@@ -21,10 +21,10 @@ use crate::log::Log;
 use crate::read_error::ReadError;
 use crate::record::{Record, RecordError};
 
-/// The signal that says who was in charge of a vehicle behind a bridge.
+/// Name of the signal that states who was in charge of a vehicle behind a bridge.
 pub const IN_CHARGE: &str = "sent.in_charge";
 
-/// Why a log cannot be made a record.
+/// The reason why a log cannot be made a record.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchRecordError {
     /// The log cannot be read.
@@ -41,14 +41,14 @@ pub enum BenchRecordError {
     Record(#[from] RecordError),
 }
 
-/// Columns that one topic fills together.
+/// Columns that the messages of one topic fill together.
 struct Group {
     prefix: &'static str,
     signals: Vec<SignalInfo>,
-    /// Whether any of them is asked for; without, nothing is held.
+    /// Whether any of the columns is requested; otherwise no value is stored.
     kept: bool,
     stamps: Vec<u64>,
-    /// Row by row, one value a signal.
+    /// Values row by row, one per signal.
     values: Vec<f64>,
 }
 
@@ -67,12 +67,13 @@ impl Group {
         self.stamps.push(stamp_ns);
     }
 
-    /// The column of one signal over the common axis. Of two rows with one stamp the later holds.
+    /// The column of one signal over the common time axis. Of two rows with the same stamp the later one
+    /// holds.
     fn column(&self, signal: usize, axis: &[u64]) -> Vec<f64> {
         let mut column = vec![f64::NAN; axis.len()];
         let mut at = 0;
         for (stamp, row) in self.stamps.iter().zip(self.values.chunks(self.signals.len().max(1))) {
-            // Rows come in order but for a restart: look on from the last one first.
+            // Rows are in order except after a restart, so the search begins at the last one.
             if axis.get(at) != Some(stamp) {
                 at = axis.partition_point(|t| t < stamp);
             }
@@ -83,7 +84,7 @@ impl Group {
     }
 }
 
-/// Every time of which the log has a message, ns, ascending.
+/// Every time at which the log has a message, ns, ascending.
 #[derive(Default)]
 struct Axis(Vec<u64>);
 
@@ -91,7 +92,7 @@ impl Axis {
     fn take(&mut self, stamp_ns: u64) {
         match self.0.last() {
             Some(last) if *last >= stamp_ns => {
-                // Topics follow each other in the file: most of these times are there.
+                // Topics follow each other in the file, so most of these times exist already.
                 if let Err(at) = self.0.binary_search(&stamp_ns) {
                     self.0.insert(at, stamp_ns);
                 }
@@ -101,7 +102,7 @@ impl Axis {
     }
 }
 
-/// All groups of a bench.
+/// All column groups of a bench.
 struct Groups {
     axis: Axis,
     any_truth: bool,
@@ -145,7 +146,7 @@ impl Groups {
             deviation: group("estimate.std.", &info.states),
             setpoint: group("setpoint.", &info.states),
             stick: group("setpoint.stick.", &info.inputs),
-            // Without truth, commands stand for what was applied.
+            // Without truth, commands are used for the applied inputs.
             command: Group { kept: command.kept || applied.kept, ..command },
             applied,
             disturbance: group("disturbance.", &rates),
@@ -153,7 +154,7 @@ impl Groups {
     }
 
     fn take(&mut self, message: &BenchMessage) {
-        // What was asked for is no sample.
+        // A requested change is not a sample.
         let samples = !matches!(message, BenchMessage::Adjustment(_));
         if let Some(stamp_ns) = message.bench_ns().filter(|_| samples) {
             self.axis.take(stamp_ns);
@@ -180,7 +181,7 @@ impl Groups {
             BenchMessage::Disturbance(m) => self.disturbance.push(m.head.stamp_ns, &m.dx),
             BenchMessage::Sent(m) => {
                 self.in_charge.push(m.head.stamp_ns, &[f64::from(m.in_charge)]);
-                // What somebody else does to the vehicle is no input of ours.
+                // Commands of another pilot or controller are not inputs of this controller.
                 let ours = m.in_charge == charge::CONTROLLER;
                 self.sent.push(m.head.stamp_ns, if ours { &m.u } else { &[f64::NAN; MAX_INPUTS] });
             }
@@ -206,7 +207,7 @@ impl Groups {
         if !self.any_truth && !self.sent.stamps.is_empty() {
             std::mem::swap(&mut self.applied, &mut self.sent);
         } else if !self.any_truth {
-            // A real vehicle tells no truth: it applies Command k over [t_k+1, t_k+2).
+            // A real vehicle has no truth: it applies Command k over [t_k+1, t_k+2).
             self.applied.values.clone_from(&self.command.values);
             self.applied.stamps = self.command.stamps.iter().map(|t| t.saturating_add(period_ns)).collect();
             self.applied.stamps.iter().for_each(|stamp| self.axis.take(*stamp));
@@ -239,7 +240,7 @@ impl Groups {
     }
 }
 
-/// Replaces every gap by the value before it, `start` before the first.
+/// Replaces every gap by the value before it, and by `start` before the first value.
 fn hold(values: &mut [f64], start: f64) {
     let mut last = start;
     for value in values {
@@ -265,8 +266,8 @@ pub fn bench_record(log: &Log) -> Result<Record, BenchRecordError> {
     bench_record_of(log, &|_| true)
 }
 
-/// As [`bench_record`], with those signals only whose names are `asked` for: the others need no memory. The times are those
-/// of the whole log.
+/// As [`bench_record`], but only with the signals whose names are `asked` for; the others take no memory. The
+/// times are those of the whole log.
 ///
 /// # Errors
 /// [`BenchRecordError`].

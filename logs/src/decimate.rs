@@ -1,4 +1,4 @@
-//! Thins lines for plots, whole or while they grow.
+//! Thins lines for plots, as a whole or while they grow.
 
 /// Thins a line to at most `most` points so that its picture stays the same: the points are put into buckets of
 /// equal count, and of every bucket the first, smallest, greatest and last are kept (the M4 aggregation of Jugel
@@ -24,7 +24,7 @@ pub fn decimate(t: &[f64], y: &[f64], most: usize) -> (Vec<f64>, Vec<f64>) {
     kept
 }
 
-/// A point of a line with its place in its bucket.
+/// A point of a line with its position in its bucket.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Point {
     place: usize,
@@ -32,7 +32,7 @@ struct Point {
     y: f64,
 }
 
-/// What is kept of the points of a bucket.
+/// The points of a bucket that are kept.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Bucket {
     points: usize,
@@ -60,11 +60,11 @@ impl Bucket {
         }
     }
 
-    /// Appends what is kept, each point once, in order.
+    /// Appends the kept points, each once and in order.
     fn append_to(&self, t: &mut Vec<f64>, y: &mut Vec<f64>) {
         let Some(mut kept) = self.kept else { return };
         if let Some(gap) = self.gap {
-            // The gap takes the place of an end: the extremes matter more.
+            // The gap replaces an end point, because the extremes matter more.
             kept[if gap.place == 0 { 0 } else { 3 }] = gap;
         }
         kept.sort_unstable_by_key(|point| point.place);
@@ -87,7 +87,7 @@ const LINE_POINTS: usize = 8_192;
 pub struct Line {
     t: Vec<f64>,
     y: Vec<f64>,
-    /// Points a bucket; 0 as long as every point is kept.
+    /// Points per bucket; 0 as long as every point is kept.
     width: usize,
     /// The bucket that is being filled.
     bucket: Bucket,
@@ -109,7 +109,7 @@ impl Line {
         }
         if self.t.len() + 4 > LINE_POINTS {
             (self.t, self.y) = decimate(&self.t, &self.y, LINE_POINTS / 2);
-            // Four points are kept of a bucket: half of the points of eight, a quarter of those of sixteen.
+            // Four points are kept per bucket: half of the points of eight, a quarter of those of sixteen.
             self.width = if self.width == 0 { 8 } else { 2 * self.width };
         }
     }
@@ -187,7 +187,7 @@ mod tests {
         assert!(t.windows(2).all(|w| w[0] < w[1]));
         assert_eq!((t[0], t[t.len() - 1]), (0.0, 999_999.0));
         assert!(kept.contains(&5.0) && t.iter().zip(&kept).all(|(t, v)| *v == y(*t as usize)));
-        // No part of the line is left without points.
+        // No part of the line is without points.
         assert!(t.windows(2).all(|w| w[1] - w[0] < 2.0 * 1_000_000.0 / (LINE_POINTS / 16) as f64));
     }
 }

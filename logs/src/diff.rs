@@ -1,9 +1,10 @@
-//! Two logs compared bit for bit.
+//! Bitwise comparison of two logs.
 //!
-//! Topics are compared one by one, message by message in the order in which each topic was recorded: how messages
-//! of different topics interleave is a matter of scheduling, what they say is not. Topics that carry wall-clock
-//! time (`/health`, `/progress`) are set aside, and so are those that the recorder made of others (`/tf`, `/scene`, `/log`). Both logs are read side by side; only messages for which the other
-//! log has not come as far are kept in memory.
+//! Topics are compared one by one, message by message in the order in which each topic was recorded: the
+//! interleaving of messages of different topics depends on scheduling, their contents do not. Topics that carry
+//! wall-clock time (`/health`, `/progress`) are excluded, and so are those that the recorder derived from others
+//! (`/tf`, `/scene`, `/log`). Both logs are read side by side; only messages whose counterpart in the other log
+//! has not been read yet are kept in memory.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
@@ -19,7 +20,7 @@ use crate::wall_clock::carries_wall_clock;
 use crate::writer::CDR_HEADER;
 use serde::Serialize;
 
-/// What two logs have in common and what not.
+/// Result of the comparison of two logs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Diff {
     /// Schema of this structure as JSON.
@@ -28,15 +29,15 @@ pub struct Diff {
     pub a: PathBuf,
     /// The second log.
     pub b: PathBuf,
-    /// Every message of every compared topic is the same, bit for bit.
+    /// Whether every message of every compared topic is the same, bit for bit.
     pub identical: bool,
-    /// The earliest difference of all topics.
+    /// The earliest difference over all topics.
     pub first: Option<Difference>,
     /// Topics in alphabetical order.
     pub topics: Vec<TopicDiff>,
-    /// What the logs say about their benches that is not the same. This alone does not make them different.
+    /// Differences in the descriptions of the benches. They alone do not make the logs different.
     pub benches: Vec<BenchDifference>,
-    /// Logs that do not end as a finished one does, or are damaged: the rest is compared.
+    /// Remarks on logs without a regular end or with damage; the rest is compared.
     pub remarks: Vec<String>,
 }
 
@@ -45,30 +46,31 @@ pub struct Diff {
 pub struct TopicDiff {
     /// Its name.
     pub topic: String,
-    /// It carries wall-clock time, or was made of other topics, and is not compared.
+    /// Whether the topic is not compared, because it carries wall-clock time or was derived from other
+    /// topics.
     pub set_aside: bool,
-    /// It was made of other topics.
+    /// Whether the topic was derived from other topics.
     pub is_made_of_others: bool,
     /// Messages in the first log.
     pub messages_a: u64,
     /// Messages in the second log.
     pub messages_b: u64,
-    /// Pairs of messages that are the same.
+    /// Number of pairs of equal messages.
     pub equal: u64,
-    /// Where it first differs.
+    /// The first difference of the topic.
     pub first: Option<Difference>,
 }
 
 /// A message that differs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Difference {
-    /// Its topic.
+    /// Topic of the message.
     pub topic: String,
-    /// How many messages of the topic come before it.
+    /// Index of the message within the topic.
     pub index: u64,
-    /// Its step, where the type is known; that of the first log if the two differ.
+    /// Step of the message where its type is known; that of the first log if the two differ.
     pub step: Option<u64>,
-    /// Its time on the log's axis, ns.
+    /// Time of the message on the log's axis, ns.
     pub log_time_ns: u64,
     /// The first field that differs; `message` when one log has no such message, `schema` when the types differ.
     pub field: String,
@@ -92,24 +94,24 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Something that two benches do not have in common.
+/// A difference in the descriptions of two benches.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct BenchDifference {
-    /// What it is, for example `seed`.
+    /// Key of the entry, for example `seed`.
     pub key: String,
-    /// In the first log.
+    /// Value in the first log.
     pub a: String,
-    /// In the second log.
+    /// Value in the second log.
     pub b: String,
 }
 
-/// A message that waits for its counterpart.
+/// A message whose counterpart has not been read yet.
 struct Waiting {
     log_time: u64,
     data: Vec<u8>,
 }
 
-/// One topic while both logs are read.
+/// Comparison of one topic while both logs are read.
 #[derive(Default)]
 struct Pairing {
     set_aside: bool,
@@ -124,7 +126,7 @@ struct Pairing {
 /// One of the two logs.
 struct Side {
     stream: LogStream,
-    /// Time of the last message read, ns; the side that is behind is read next.
+    /// Time of the last message read, ns; the log with the earlier time is read next.
     at: u64,
     ended: bool,
 }
@@ -221,7 +223,7 @@ impl Pairing {
         });
     }
 
-    /// Both logs have ended: what still waits has no counterpart.
+    /// After the end of both logs, the waiting messages have no counterpart.
     fn finish(&mut self, name: &str) {
         let which = usize::from(self.waiting[0].is_empty());
         let Some(extra) = self.waiting[which].front() else { return };
@@ -259,7 +261,7 @@ fn body(data: &[u8]) -> &[u8] {
     data.strip_prefix(&CDR_HEADER).unwrap_or(data)
 }
 
-/// What two logs say differently about their benches, but for the time of day.
+/// Differences in the descriptions of two benches, except for the time of day.
 fn benches(a: &Log, b: &Log) -> Vec<BenchDifference> {
     let texts = |log: &Log| {
         let mut map = log.info().map(crate::BenchInfo::to_map).unwrap_or_default();
@@ -289,7 +291,7 @@ fn benches(a: &Log, b: &Log) -> Vec<BenchDifference> {
     all
 }
 
-/// What a reader should know about a log that is not whole.
+/// Remarks on a log that is not complete.
 pub(crate) fn remarks(stream: &LogStream) -> Vec<String> {
     let cut = stream.endings().iter().filter(|(_, ending)| *ending == Ending::Truncated).map(|(path, _)| {
         format!("{} is incomplete: its recorder was killed or is still running", path.display())

@@ -1,4 +1,4 @@
-//! What happened, as sentences on the time axis.
+//! Events of a run as sentences on the time axis.
 
 use std::collections::BTreeMap;
 use whirlstand_msgs::units::{ShownSignals, ShownUnit};
@@ -14,42 +14,42 @@ use crate::bench_log::BenchMessage;
 use crate::finding_text::finding_text;
 use crate::shown::{number, shown};
 
-/// Bench time after which late commands are told again, s.
+/// Bench time after which late commands are reported again, s.
 const LATE_S: f64 = 1.0;
 
-/// How an event is shown.
+/// Kind of an event, which determines how it is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
-    /// Somebody asked for it from outside.
+    /// A request from outside.
     Asked,
-    /// Something acts on the vehicle.
+    /// A disturbance of the vehicle.
     Disturbance,
-    /// Something is not as it should be.
+    /// A condition that is not as it should be.
     Warning,
-    /// Anything else.
+    /// Any other event.
     Note,
 }
 
-/// Something that happened.
+/// An event of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Event {
     /// Bench time, s.
     pub t: f64,
-    /// How it is shown.
+    /// Kind of the event.
     pub kind: EventKind,
-    /// What happened.
+    /// Description of the event.
     pub text: String,
 }
 
-/// A state as it is shown.
+/// A state with the unit in which it is shown.
 struct Shown {
     name: String,
     unit: ShownUnit,
     derivative: ShownUnit,
 }
 
-/// Makes events of a bench's messages.
+/// Derives events from a bench's messages.
 pub struct Events {
     states: Vec<Shown>,
     outputs: Vec<String>,
@@ -58,14 +58,14 @@ pub struct Events {
     period_s: f64,
     disturbance: [f64; MAX_STATES],
     flags: u32,
-    /// Bench time at which commands were last said to be late, s.
+    /// Bench time of the last report of late commands, s.
     told_late: Option<f64>,
-    /// Process of each node.
+    /// Process number of each node.
     nodes: BTreeMap<String, u32>,
 }
 
 impl Events {
-    /// Nothing has happened yet on a bench. `effects`: those that can be switched, by their number from 1.
+    /// The state before the first event of a bench. `effects`: the switchable effects by their number from 1.
     pub fn new(info: &BenchInfo, effects: BTreeMap<u32, String>) -> Self {
         let state = |s: &crate::SignalInfo| {
             let unit = s.shown_unit();
@@ -89,7 +89,7 @@ impl Events {
         }
     }
 
-    /// What a message tells that was not so before.
+    /// The event that a message reports, if it is new.
     pub fn hear(&mut self, message: &BenchMessage) -> Option<Event> {
         match message {
             BenchMessage::Disturbance(m) => self.disturbed(m),
@@ -101,12 +101,12 @@ impl Events {
         }
     }
 
-    /// The plant begins a new run, in which nothing has happened yet.
+    /// Resets the state for a new run of the plant.
     pub fn begin_run(&mut self) {
         (self.disturbance, self.flags, self.told_late) = ([0.0; MAX_STATES], 0, None);
     }
 
-    /// The vehicle is pushed by something else now.
+    /// A change of the disturbance.
     fn disturbed(&mut self, m: &Disturbance) -> Option<Event> {
         let before = std::mem::replace(&mut self.disturbance, m.dx);
         if before == m.dx {
@@ -122,7 +122,7 @@ impl Events {
         Some(Event { t: seconds(m.head.stamp_ns), kind: EventKind::Disturbance, text })
     }
 
-    /// What the plant does about commands.
+    /// The plant's handling of late commands.
     fn measured(&mut self, m: &Imu) -> Option<Event> {
         let before = std::mem::replace(&mut self.flags, m.flags);
         let began = |flag| m.flags & flag != 0 && before & flag == 0;
@@ -144,7 +144,7 @@ impl Events {
         Some(Event { t, kind, text: text.into() })
     }
 
-    /// What was asked for from outside, and what became of it; `None` for a message of another version.
+    /// A request from outside and its result; `None` for a message of another version.
     fn adjusted(&self, m: &Adjustment) -> Option<Event> {
         let verdict = AdjustmentVerdict::from_u32(m.verdict)?;
         let state = self.states.get(m.index as usize);
@@ -177,7 +177,7 @@ impl Events {
         Some(Event { t: seconds(m.head.stamp_ns), kind, text })
     }
 
-    /// What the mirror says; `None` for a message of another version.
+    /// A finding of the mirror; `None` for a message of another version.
     fn found(&self, m: &Finding) -> Option<Event> {
         let outputs: Vec<&str> = self.outputs.iter().map(String::as_str).collect();
         let is_good = [FindingStage::Over, FindingStage::Law, FindingStage::FirstLaw];
@@ -189,7 +189,7 @@ impl Events {
         Some(Event { t: seconds(m.head.stamp_ns), kind, text })
     }
 
-    /// A node whose process is another than before.
+    /// A restart of a node, which shows as another process number.
     fn reported(&mut self, m: &Health) -> Option<Event> {
         let name = m.node_name();
         match self.nodes.get_mut(name) {

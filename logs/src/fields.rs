@@ -1,4 +1,4 @@
-//! The bytes of a message as named values, for messages that are known here.
+//! The bytes of a message as named values, for known message types.
 
 use whirlstand_msgs::{
     Command, Disturbance, Estimate, Field, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint, Truth,
@@ -21,7 +21,7 @@ const TYPES: [(&str, &[Field]); 10] = [
     (Progress::TYPE_NAME, Progress::FIELDS),
 ];
 
-/// The fields of [`whirlstand_msgs::Head`], which every message begins with.
+/// The fields of [`whirlstand_msgs::Head`], with which every message begins.
 const HEAD: [&str; 3] = ["head.seq", "head.step", "head.stamp_ns"];
 
 /// The step of a message, read from its head.
@@ -29,7 +29,7 @@ pub(crate) fn step(type_name: &str, body: &[u8]) -> Option<u64> {
     TYPES.iter().any(|(name, _)| *name == type_name).then(|| integer(body.get(8..16)?))?
 }
 
-/// The full sequence number of a message; of one that is not known here, the 32 bits that MCAP keeps.
+/// The full sequence number of a message; for a message of unknown type, the 32 bits that MCAP keeps.
 pub(crate) fn sequence(message: &RawMessage<'_>) -> u64 {
     let known = TYPES.iter().any(|(name, _)| *name == message.topic.schema_name);
     let body = message.data.strip_prefix(&CDR_HEADER).filter(|_| known);
@@ -66,7 +66,7 @@ pub(crate) fn first_difference(type_name: &str, a: &[u8], b: &[u8]) -> (String, 
     let name = if field.count == 1 { field.name.to_string() } else { format!("{}[{index}]", field.name) };
     let (mut left, mut right) = (text(field.kind, x), text(field.kind, y));
     if left == right {
-        // Two NaN can differ in bits that no decimal shows.
+        // Two NaN can differ in bits that no decimal number shows.
         let bits = |bytes: &[u8]| bytes.iter().rev().map(|b| format!("{b:02x}")).collect::<String>();
         (left, right) = (format!("{left} (0x{})", bits(x)), format!("{right} (0x{})", bits(y)));
     }

@@ -1,12 +1,12 @@
-//! What a mirror found, as a sentence.
+//! A finding of the mirror as a sentence.
 
 use whirlstand_msgs::units::{ShownSignals, ShownUnit};
 use whirlstand_msgs::{Finding, FindingStage, text_of};
 
 use crate::shown::number;
 
-/// The sentence; `outputs` are the names of the vehicle's, `units` says how values of its signals are shown. `None` for a stage
-/// that this version does not know.
+/// The sentence. `outputs` are the names of the vehicle's outputs, `units` are the units in which its signals are
+/// shown. `None` for a stage that this version does not know.
 pub fn finding_text(finding: &Finding, outputs: &[&str], units: &ShownSignals) -> Option<String> {
     let cause = |finding| cause(finding, units);
     let since = format!("since {:.2} s", finding.since_ns as f64 * 1e-9);
@@ -64,8 +64,9 @@ fn cause(finding: &Finding, units: &ShownSignals) -> String {
     text
 }
 
-/// How a parameter in the SI unit `si` is shown: as the signal or entry where it acts is, or its derivative, where that is what it
-/// is measured in; as its own name says; or as what no file declares.
+/// The unit in which a parameter with the SI unit `si` is shown: that of the signal or matrix entry at `place`, or
+/// of its derivative, where the parameter has that unit; else one that the parameter's name implies; else the
+/// default for values that no file declares.
 fn parameter_unit(name: &str, si: &str, place: Option<&ShownUnit>) -> ShownUnit {
     if name.ends_with("_rad") {
         return ShownUnit::si(si);

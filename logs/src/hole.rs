@@ -1,20 +1,20 @@
-//! What a log lacks because it could not be written for a time.
+//! A hole in a log: messages that could not be written for a time.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::Serialize;
 
-/// Messages that did not reach a log: told at the beginning of the file that was written next.
+/// Messages that are missing in a log, described at the beginning of the file that was written next.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Hole {
-    /// Step of the last message before, ns of bench time.
+    /// Bench time of the last message before the hole, ns.
     pub from_ns: u64,
-    /// Bench time at which it goes on, ns.
+    /// Bench time at which the log continues, ns.
     pub until_ns: u64,
-    /// At most so many messages are missing.
+    /// Upper bound on the number of missing messages.
     pub messages: u64,
-    /// Why, for example `disk full`.
+    /// Reason, for example `disk full`.
     pub reason: String,
 }
 
@@ -22,7 +22,7 @@ impl Hole {
     /// Name of the metadata record.
     pub const METADATA_NAME: &str = "whirlstand.hole";
 
-    /// The texts of the metadata record.
+    /// The fields as texts of the metadata record.
     pub(crate) fn to_map(&self) -> BTreeMap<String, String> {
         BTreeMap::from([
             ("from_ns".into(), self.from_ns.to_string()),
@@ -32,7 +32,7 @@ impl Hole {
         ])
     }
 
-    /// Reads what [`Self::to_map`] wrote; a number that is none counts as 0.
+    /// Reads the texts that [`Self::to_map`] wrote; an invalid number counts as 0.
     pub(crate) fn from_map(map: &BTreeMap<String, String>) -> Self {
         let number = |key: &str| map.get(key).and_then(|text| text.parse().ok()).unwrap_or(0);
         Self {

@@ -1,5 +1,5 @@
-//! Which part of a record was flown by the controller, for a vehicle behind a bridge: what somebody else did to it tells nothing
-//! of how it answers its inputs.
+//! The part of a record in which the controller had control of a vehicle behind a bridge. Other parts do not show
+//! how the vehicle responds to the controller's inputs.
 
 use whirlstand_msgs::charge;
 
@@ -9,13 +9,14 @@ use crate::record::Record;
 /// The stretches of a record in which the controller was in charge.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InCharge {
-    /// One a point of the record.
+    /// Whether the controller was in charge, for each point of the record.
     points: Vec<bool>,
     whole_s: f64,
 }
 
 impl InCharge {
-    /// Those of a record; `None` for one that was not flown behind a bridge. Who was in charge stays so until it is said again.
+    /// The stretches of a record; `None` for one that was not flown behind a bridge. A state of charge holds until
+    /// the next message on it.
     pub fn of(record: &Record) -> Option<Self> {
         let said = record.get(IN_CHARGE)?;
         let mut ours = false;
@@ -28,22 +29,22 @@ impl InCharge {
         Some(Self { points: points.collect(), whole_s: record.duration() })
     }
 
-    /// Whether it was in charge all the time.
+    /// Whether the controller was in charge all the time.
     pub fn is_whole(&self) -> bool {
         self.points.iter().all(|ours| *ours)
     }
 
-    /// Whether it never was.
+    /// Whether the controller was never in charge.
     pub fn is_never(&self) -> bool {
         !self.points.contains(&true)
     }
 
-    /// The record without what others flew.
+    /// The record without the parts in which the controller was not in charge.
     pub fn part_of(&self, record: &Record) -> Record {
         record.keep(&self.points)
     }
 
-    /// In words: for how long, and in how many stretches.
+    /// Text on how long the controller was in charge, and in how many stretches.
     pub fn text(&self) -> String {
         let count = self.points.iter().filter(|ours| **ours).count();
         let begins = self.points.windows(2).filter(|pair| !pair[0] && pair[1]).count();

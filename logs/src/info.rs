@@ -1,4 +1,4 @@
-//! What is in a log, without its samples.
+//! Summary of the contents of a log, without its samples.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ use crate::topics::Topics;
 use crate::ulog::ulog_topics;
 use crate::wall_clock::carries_wall_clock;
 
-/// What a log holds.
+/// Summary of a log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LogInfo {
     /// Schema of this structure as JSON.
@@ -33,23 +33,23 @@ pub struct LogInfo {
     pub path: PathBuf,
     /// `mcap`, `ulog`, `dataflash`, `blackbox` or `csv`.
     pub kind: &'static str,
-    /// Time from the first sample to the last, s (samples for a record that does not know its clock).
+    /// Time from the first sample to the last, s (samples for a record without a known clock).
     pub duration: f64,
     /// The files of an MCAP log.
     pub files: Vec<FileInfo>,
     /// The bench that recorded it.
     pub bench: Option<BenchInfo>,
-    /// Files inside it: name and size in bytes.
+    /// Files attached inside the log: name and size in bytes.
     pub attached: Vec<(String, u64)>,
-    /// Topics of a log of many topics, by name.
+    /// Topics of a log with many topics, by name.
     pub topics: Vec<TopicInfo>,
     /// Signals of any other log, in file order.
     pub signals: Vec<SignalSummary>,
-    /// How the time axis of any other log is sampled.
+    /// Sampling of the time axis of any other log.
     pub sampling: Option<Sampling>,
-    /// What could not be read.
+    /// Damaged parts that could not be read.
     pub damage: Vec<Damage>,
-    /// Sentences on what a reader should know: cut-off files, damage.
+    /// Remarks for the user, such as on cut-off files and damage.
     pub remarks: Vec<String>,
 }
 
@@ -71,23 +71,23 @@ pub struct TopicInfo {
     pub name: String,
     /// The type of its messages.
     pub message_type: String,
-    /// How they are written, for example `cdr`.
+    /// Encoding of its messages, for example `cdr`.
     pub encoding: String,
-    /// How many there are.
+    /// Number of messages.
     pub messages: u64,
-    /// Time of the first, s.
+    /// Time of the first message, s.
     pub from: f64,
-    /// Time of the last, s.
+    /// Time of the last message, s.
     pub to: f64,
     /// Messages per second, from the median interval.
     pub rate_hz: Option<f64>,
-    /// Messages that their sequence numbers show to be missing.
+    /// Number of missing messages according to the sequence numbers.
     pub lost: u64,
-    /// Intervals longer than 1.5 times the median one: number.
+    /// Number of intervals longer than 1.5 times the median one.
     pub gaps: usize,
     /// The longest of them.
     pub longest_gap: Option<Gap>,
-    /// Signals of a topic that is not of this program, as `--map` calls them, with the units that the log states.
+    /// Signals of a topic of another program, with their names for `--map` and the units that the log states.
     pub signals: Vec<String>,
 }
 
@@ -112,7 +112,7 @@ pub struct SignalSummary {
     pub std: Option<f64>,
 }
 
-/// Looks through a log of any known kind.
+/// Summarises a log of any known kind.
 ///
 /// # Errors
 /// [`AnyReadError`].
@@ -169,7 +169,7 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
         }
         if let Some(counting) = topics.get_mut(&message.topic.name) {
             let sequence = sequence(&message);
-            // A publisher that was restarted counts from 0 again: that is no loss. Nor is it when several
+            // A restarted publisher counts from 0 again, which is no loss. The same holds where several
             // publishers share a topic, as all nodes share /health.
             if let Some(last) = counting.last_sequence
                 && sequence > last + 1
@@ -191,7 +191,7 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
     if log.info().is_none() {
         let Catalogue { signals, unreadable } = catalogue(&log)?;
         for signal in signals {
-            // A topic's name has no dot before that of the field.
+            // The name of a topic contains no dot, so the first dot begins the field.
             let topic = signal.split('.').next().unwrap_or("").to_string();
             offered.entry(topic).or_default().push(signal);
         }
@@ -220,7 +220,7 @@ fn mcap_info(path: &Path) -> Result<LogInfo, AnyReadError> {
     })
 }
 
-/// That several files are one log, and which of them are missing.
+/// Remarks that several files form one log, and on missing files.
 fn joined(path: &Path, files: usize) -> Vec<String> {
     let one = (files > 1).then(|| format!("{files} files are read in order as one log"));
     let missing =
@@ -235,7 +235,7 @@ impl Counting {
     fn result(mut self, name: String) -> TopicInfo {
         self.times.sort_unstable();
         let seconds: Vec<f64> = self.times.iter().map(|ns| *ns as f64 / 1e9).collect();
-        // What several nodes publish, or what tells of a change, comes when it comes: a pause in it is no gap.
+        // Messages of several nodes, or about changes, come at irregular times; a pause in them is no gap.
         let irregular =
             IRREGULAR.contains(&self.message_type.as_str()) || is_made_of_others(&name, &self.message_type);
         let sampling = Sampling::of(if irregular { &[] } else { &seconds });
@@ -255,7 +255,7 @@ impl Counting {
     }
 }
 
-/// What a log of many topics has; `kind` is also how its messages are written.
+/// Summary of a log with many topics; `kind` is also the encoding of its messages.
 fn topics_info(path: &Path, kind: &'static str, log: Topics) -> LogInfo {
     let topics: Vec<TopicInfo> = log
         .by_name

@@ -1,7 +1,7 @@
-//! What is remembered: MCAP, CSV, ULog, DataFlash and blackbox records with units.
+//! Logs and records: MCAP, CSV, ULog, DataFlash and blackbox, with units.
 //!
 //! - [`writer::LogWriter`] writes the messages of a bench to MCAP.
-//! - [`record::Record`] is what every reader ends in: one time axis and named signals in SI units.
+//! - [`record::Record`] is the result of every reader: one time axis and named signals in SI units.
 
 pub mod bench_info;
 pub mod bench_log;

@@ -1,4 +1,4 @@
-//! A log of this program: what bench it is from, and its messages by type.
+//! A log of this program: its bench, and its messages by type.
 
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
@@ -19,14 +19,15 @@ pub struct Log {
 }
 
 impl Log {
-    /// Opens a log; a folder stands for the `log.mcap` in it.
+    /// Opens a log; a folder stands for its file `log.mcap`.
     ///
     /// # Errors
-    /// [`ReadError`], among them [`ReadError::BenchInfo`] when the log is of this program and damaged there.
+    /// [`ReadError`], among them [`ReadError::BenchInfo`] when the log is of this program and the description
+    /// of its bench is damaged.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, ReadError> {
         let path = path.as_ref().to_path_buf();
         let mut stream = LogStream::open(&path)?;
-        // What is known about the bench stands before its first message.
+        // The description of the bench comes before the first message.
         stream.next()?;
         let info = stream
             .metadata()
@@ -43,12 +44,12 @@ impl Log {
         &self.path
     }
 
-    /// The bench that the log is from; `None` for a log of another program.
+    /// The bench that recorded the log; `None` for a log of another program.
     pub fn info(&self) -> Option<&BenchInfo> {
         self.info.as_ref()
     }
 
-    /// Files inside the log.
+    /// Files attached inside the log.
     pub fn attached(&self) -> &[AttachedFile] {
         &self.attached
     }
@@ -70,7 +71,7 @@ impl Log {
     /// All messages, in file order.
     ///
     /// # Errors
-    /// [`ReadError::Io`] when the file has gone since.
+    /// [`ReadError::Io`] when the file no longer exists.
     pub fn stream(&self) -> Result<LogStream, ReadError> {
         LogStream::open(&self.path)
     }
@@ -78,7 +79,7 @@ impl Log {
     /// The messages of type `M` on its own topic, in file order.
     ///
     /// # Errors
-    /// [`ReadError::Io`] when the file has gone since.
+    /// [`ReadError::Io`] when the file no longer exists.
     pub fn messages<M: Message>(&self) -> Result<Messages<M>, ReadError> {
         self.messages_on(M::TOPIC)
     }
@@ -86,7 +87,7 @@ impl Log {
     /// The messages of type `M` on another topic.
     ///
     /// # Errors
-    /// [`ReadError::Io`] when the file has gone since.
+    /// [`ReadError::Io`] when the file no longer exists.
     pub fn messages_on<M: Message>(&self, topic: &str) -> Result<Messages<M>, ReadError> {
         let topic = format!("/{}", topic.trim_start_matches('/'));
         Ok(Messages { stream: self.stream()?, topic, checked: false, message: PhantomData })

@@ -1,7 +1,8 @@
-//! One MCAP file from its start to wherever it ends: whole, cut off by a kill, or damaged in between.
+//! Reads one MCAP file from its start to its end, whether it is complete, cut off by a kill, or damaged in
+//! between.
 //!
-//! Records are framed here (opcode, length, body; MCAP specification 1.0, "Records") and taken apart by the `mcap`
-//! crate. A length is believed only as far as the file reaches, so that damaged bytes cost no memory.
+//! Records are framed here (opcode, length, body; MCAP specification 1.0, "Records") and parsed by the `mcap`
+//! crate. A length is accepted only as far as the file reaches, so that damaged bytes cost no memory.
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::fs::File;
@@ -18,53 +19,53 @@ use serde::Serialize;
 use crate::named_schema::without_names;
 use crate::read_error::ReadError;
 
-/// Largest chunk that is unpacked, bytes. Tools write chunks of a few MB.
+/// Largest chunk that is decompressed, bytes. Tools write chunks of a few MB.
 const MAX_CHUNK: usize = 256 << 20;
 
 /// Length of a message's fields before its data: channel, sequence, log time, publish time.
 const MESSAGE_HEAD: usize = 2 + 4 + 8 + 8;
 
-/// A topic and how its messages are written.
+/// A topic and the encoding of its messages.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Topic {
-    /// For example `/imu`.
+    /// Name, for example `/imu`.
     pub name: String,
-    /// For example `cdr` or `json`.
+    /// Message encoding, for example `cdr` or `json`.
     pub message_encoding: String,
-    /// For example `whirlstand/msg/Imu`; empty without a schema.
+    /// Name of the schema, for example `whirlstand/msg/Imu`; empty without a schema.
     pub schema_name: String,
-    /// For example `ros2msg` or `jsonschema`; empty without a schema.
+    /// Encoding of the schema, for example `ros2msg` or `jsonschema`; empty without a schema.
     pub schema_encoding: String,
-    /// The schema itself.
+    /// Text of the schema.
     #[serde(skip)]
     pub schema: Vec<u8>,
-    /// The schema without the names of a vehicle, as [`whirlstand_msgs::Message::SCHEMA`] has it.
+    /// The schema without the names of a vehicle, as in [`whirlstand_msgs::Message::SCHEMA`].
     #[serde(skip)]
     pub layout: Vec<u8>,
 }
 
-/// Something in the file that could not be read; what lies around it was.
+/// A damaged part of a file that could not be read; the parts around it were read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Damage {
     /// The file.
     pub file: PathBuf,
-    /// Where the damaged record begins, bytes from the start of the file.
+    /// Offset of the damaged record, bytes from the start of the file.
     pub offset: u64,
-    /// What is wrong with it.
+    /// Description of the damage.
     pub reason: String,
 }
 
-/// How a file ended.
+/// State of a file's end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
-    /// With footer and magic: the recorder finished it.
+    /// Complete, with footer and magic: the recorder finished the file.
     Complete,
-    /// In the middle: the recorder was killed, or the file is still being written.
+    /// Truncated: the recorder was killed, or the file is still being written.
     Truncated,
 }
 
-/// A message's place in [`LogFile::data`].
+/// Location of a message in [`LogFile::data`].
 #[derive(Debug)]
 pub(crate) struct Entry {
     pub topic: Arc<Topic>,
@@ -85,7 +86,7 @@ pub struct AttachedFile {
     pub data: Vec<u8>,
 }
 
-/// What a record of the file adds.
+/// Result of reading a record of the file.
 pub(crate) enum Step {
     /// Messages: [`LogFile::entries`] has been refilled.
     Messages,
@@ -106,13 +107,13 @@ pub(crate) struct LogFile {
     body: Vec<u8>,
     schemas: HashMap<u16, (String, String, Vec<u8>)>,
     topics: HashMap<u16, Arc<Topic>>,
-    /// Channels that messages name and the file does not have.
+    /// Channels that messages refer to but that the file does not define.
     unknown: HashSet<u16>,
-    /// Messages of the chunk at hand, in file order.
+    /// Messages of the present chunk, in file order.
     pub entries: VecDeque<Entry>,
-    /// Their bytes.
+    /// Bytes of these messages.
     pub data: Vec<u8>,
-    /// What could not be read so far.
+    /// Damaged parts found so far.
     pub damage: Vec<Damage>,
 }
 
@@ -142,7 +143,7 @@ impl LogFile {
         })
     }
 
-    /// Reads on until there is something to tell.
+    /// Reads records until one has a result.
     pub fn next(&mut self) -> Result<Step, ReadError> {
         self.entries.clear();
         self.data.clear();
@@ -159,7 +160,7 @@ impl LogFile {
                 Ok(Some(step)) => return Ok(step),
                 Ok(None) => {}
                 Err(error) if whole => self.damaged(start, describe(&error)),
-                // The record at the cut: what it held before the cut has been taken.
+                // The record is cut off; its readable part has been taken.
                 Err(_) => {}
             }
             if !self.entries.is_empty() {
@@ -172,8 +173,8 @@ impl LogFile {
         self.damage.push(Damage { file: self.path.clone(), offset, reason });
     }
 
-    /// Reads a body and tells its opcode and length; a chunk that the file's end cuts off is shorter than that.
-    /// `None` at the end.
+    /// Reads a body and returns its opcode and length; a chunk that the file's end cuts off is shorter. `None`
+    /// at the end.
     fn read_record(&mut self) -> Result<Option<(u8, u64)>, ReadError> {
         const HEAD: u64 = 9;
         if self.length.saturating_sub(self.offset) < HEAD {
@@ -188,7 +189,7 @@ impl LogFile {
         let wanted = u64::from_le_bytes(length);
         let available = self.length - self.offset;
         let take = wanted.min(available);
-        // Only a chunk is worth having in part.
+        // Only a chunk is useful in part.
         if wanted > available && head[0] != op::CHUNK {
             self.offset = self.length;
             return Ok(None);
@@ -209,12 +210,13 @@ impl LogFile {
             },
             op::ATTACHMENT => Ok(Some(Step::Attached(attachment(body)?))),
             op::FOOTER => Ok(Some(Step::End(Ending::Complete))),
-            // Indexes and statistics repeat what has been read; private records are others' business.
+            // Indexes and statistics repeat data that have been read; private records belong to other
+            // programs.
             _ => Ok(None),
         }
     }
 
-    /// Unpacks a chunk. A whole one must match its checksum before any of it counts.
+    /// Decompresses a chunk. The checksum of a complete one must match before any of its contents count.
     fn chunk(&mut self, body: &[u8], length: u64) -> Result<(), McapError> {
         let mut options = LinearReaderOptions::default()
             .with_skip_start_magic(true)
@@ -228,7 +230,7 @@ impl LogFile {
         while let Some(event) = reader.next_event() {
             match event? {
                 LinearReadEvent::ReadRequest(need) => {
-                    // No more than there is: a damaged length must not reserve memory.
+                    // A damaged length must not reserve more memory than the data need.
                     let need = need.min(head.len() + body.len());
                     let read = input.read(reader.insert(need))?;
                     reader.notify_read(read);
@@ -279,7 +281,7 @@ impl LogFile {
         let channel = u16::from_le_bytes([head[0], head[1]]);
         let sequence = u32::from_le_bytes([head[2], head[3], head[4], head[5]]);
         let Some(topic) = self.topics.get(&channel) else {
-            // Its channel was in a damaged chunk; the messages around it are still good.
+            // The definition of the channel was in a damaged chunk; the other messages are still valid.
             if self.unknown.insert(channel) {
                 let reason = McapError::UnknownChannel(sequence, channel).to_string();
                 self.damaged(self.offset, reason);
@@ -299,7 +301,7 @@ impl LogFile {
     }
 }
 
-/// Takes an attachment apart. The crate's parser presumes that the checksum at the end is there.
+/// Parses an attachment. The crate's parser assumes that the checksum at the end is present.
 fn attachment(body: &[u8]) -> Result<AttachedFile, McapError> {
     let string_end = |at: usize| {
         let length = body.get(at..at + 4)?;
@@ -318,7 +320,7 @@ fn attachment(body: &[u8]) -> Result<AttachedFile, McapError> {
     }
 }
 
-/// The error with its cause: some of the crate's errors say only which operation failed.
+/// The error with its cause: some of the crate's errors name only the operation that failed.
 fn describe(error: &McapError) -> String {
     match std::error::Error::source(error) {
         Some(cause) => format!("{error}: {cause}").lines().next().unwrap_or_default().to_string(),

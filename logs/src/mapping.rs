@@ -1,4 +1,4 @@
-//! `--map roll=NAME[unit]`: which signal of a foreign log is which of the vehicle's.
+//! `--map roll=NAME[unit]`: assigns a signal of a foreign log to a signal of the vehicle.
 
 use std::str::FromStr;
 
@@ -7,25 +7,25 @@ use whirlstand_msgs::units::{Unit, UnitError};
 
 use whirlstand_msgs::names::did_you_mean;
 
-/// One renaming: the log's `source` is the vehicle's `name`.
+/// One renaming: `source` of the log becomes the vehicle's `name`.
 ///
-/// Written `name=SOURCE`, `name=SOURCE[unit]` when the log states no unit or a wrong one, and `name=-SOURCE` when
-/// the log counts the other way. SOURCE is a column of a CSV, `/topic.field.path` of an MCAP log, `topic.field`
-/// of a ULog, a DataFlash or a blackbox log. `t=SOURCE[ms]` says which column of a CSV is the time.
+/// It is written `name=SOURCE`, `name=SOURCE[unit]` when the log states no unit or a wrong one, and
+/// `name=-SOURCE` when the log has the opposite sign. SOURCE is a column of a CSV, `/topic.field.path` of an MCAP
+/// log, or `topic.field` of a ULog, a DataFlash or a blackbox log. `t=SOURCE[ms]` names the time column of a CSV.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mapping {
-    /// The vehicle's name for it.
+    /// Name of the signal in the vehicle.
     pub name: String,
-    /// The log's name for it, with the unit if one was written.
+    /// Name of the signal in the log, with the unit if one was written.
     source: String,
-    /// The log has the opposite sign.
+    /// Whether the log has the opposite sign.
     negated: bool,
 }
 
-/// A signal that a log offers.
+/// A signal in a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// The log's name for it.
+    /// Name of the signal in the log.
     pub name: String,
     /// Unit that the log states, if any.
     pub unit: Option<String>,
@@ -41,7 +41,7 @@ impl Source {
 /// Most names that a message lists.
 const LISTED: usize = 60;
 
-/// `a, b, c`, or `nothing`; of a long list its beginning.
+/// A list `a, b, c`, or `nothing`; a long list is cut.
 pub(crate) fn list(names: &[String]) -> String {
     match names.len() {
         0 => "nothing".into(),
@@ -60,15 +60,15 @@ pub(crate) fn list(names: &[String]) -> String {
 pub struct MissingSource {
     /// The log.
     pub origin: String,
-    /// The vehicle's name.
+    /// Name of the signal in the vehicle.
     pub name: String,
-    /// The log's name.
+    /// Name of the signal in the log.
     pub source_name: String,
-    /// What the log has.
+    /// Signals that the log has.
     pub available: Vec<String>,
 }
 
-/// Why a mapping cannot be used.
+/// The reason why a mapping cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MapError {
     /// The text is not a mapping.
@@ -80,10 +80,10 @@ pub enum MapError {
     /// The log does not have the source.
     #[error(transparent)]
     Missing(Box<MissingSource>),
-    /// Two mappings give one name.
+    /// Two mappings have the same name.
     #[error("'{name}' is mapped twice: keep one of the two")]
     Twice {
-        /// The vehicle's name.
+        /// Name of the signal in the vehicle.
         name: String,
     },
     /// A unit cannot be read.
@@ -91,15 +91,15 @@ pub enum MapError {
     Unit {
         /// The log.
         origin: String,
-        /// The log's name.
+        /// Name of the signal in the log.
         name: String,
-        /// What is wrong with it.
+        /// The error in the unit.
         source: UnitError,
     },
 }
 
-/// A signal that a record has and that cannot be read: a unit that nobody knows, text among the numbers. It is in nobody's
-/// way who does not ask for it.
+/// A signal of a record that cannot be read, because of an unknown unit or of text among the numbers. It causes an
+/// error only when it is requested.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, thiserror::Error)]
 #[error("{why}")]
 pub struct Unreadable {
@@ -109,7 +109,7 @@ pub struct Unreadable {
     pub why: String,
 }
 
-/// A source with the name and the conversion that it gets.
+/// A selected source with its name in the record and its conversion.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Selected {
     /// Index into the sources.
@@ -118,12 +118,12 @@ pub(crate) struct Selected {
     pub name: String,
     /// Unit of the source.
     pub unit: Unit,
-    /// The source has the opposite sign.
+    /// Whether the source has the opposite sign.
     pub negated: bool,
 }
 
 impl Selected {
-    /// The SI value in the record of a value in the source.
+    /// Converts a value of the source to SI.
     pub fn convert(&self, value: f64) -> f64 {
         let si = self.unit.to_si(value);
         if self.negated { -si } else { si }
@@ -159,7 +159,7 @@ pub(crate) fn split_unit(text: &str) -> (&str, Option<&str>) {
 }
 
 impl Mapping {
-    /// Whether this is the source, with or without a unit.
+    /// Whether the mapping refers to this source, with or without a unit.
     pub(crate) fn names(&self, source: &str) -> bool {
         self.source == source || split_unit(&self.source).0 == source
     }
@@ -168,7 +168,7 @@ impl Mapping {
     fn find<'a>(&'a self, sources: &[Source], origin: &str) -> Result<(usize, Option<&'a str>), MapError> {
         let position = |name: &str| sources.iter().position(|s| s.name == name);
         let (bare, unit) = match self.source.strip_suffix("[1]") {
-            // The pure number, unless the source has such an element.
+            // The digits are a unit, the pure number, unless the source has such an element.
             Some(bare) if position(&self.source).is_none() => (bare, Some("1")),
             _ => split_unit(&self.source),
         };
@@ -186,8 +186,9 @@ impl Mapping {
     }
 }
 
-/// What a record has: every mapped source under its new name, then, if `keep_others`, all that no mapping names
-/// and whose name is still free; and those of them whose unit cannot be read.
+/// Selects the signals of a record: every mapped source under its new name; then, with `keep_others`, all
+/// sources that no mapping refers to and whose name is free. Also returns the selected signals whose unit
+/// cannot be read.
 pub(crate) fn resolve(
     sources: &[Source],
     mappings: &[Mapping],
@@ -250,7 +251,7 @@ mod tests {
     fn mapped_signals_come_first_and_the_rest_keeps_its_name() {
         let all = resolved(&["roll=phi[deg]", "roll_rate=-p", "w=/att.q[0]"]).unwrap();
         let names: Vec<_> = all.iter().map(|s| (s.name.as_str(), s.source)).collect();
-        // The log's own 'roll' gives way to the mapped one.
+        // A mapped signal replaces the log's own 'roll'.
         assert_eq!(names, [("roll", 0), ("roll_rate", 1), ("w", 2)]);
         assert_eq!(all[0].convert(180.0), std::f64::consts::PI);
         assert_eq!(all[1].convert(180.0), -std::f64::consts::PI);

@@ -1,4 +1,4 @@
-//! Logs of many topics, each with its own clock: from wanted signals to one record.
+//! Logs of many topics, each with its own clock: makes one record from selected signals.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -8,10 +8,10 @@ use crate::record::Record;
 use crate::resample::{Clock, ClockError, resample};
 use crate::series::Series;
 
-/// Why a log of many topics cannot be made a record.
+/// The reason why a log of many topics cannot be made a record.
 #[derive(Debug, thiserror::Error)]
 pub enum MultiError {
-    /// Nothing says which signals are wanted.
+    /// No signals are selected.
     #[error(
         "{} has signals with several time bases: choose signals with --map NAME=SIGNAL[unit]. It has: {}",
         path.display(),
@@ -20,7 +20,7 @@ pub enum MultiError {
     Unmapped {
         /// The log.
         path: PathBuf,
-        /// What the log has.
+        /// Signals that the log has.
         available: Vec<String>,
     },
     /// A mapping does not fit.
@@ -28,7 +28,7 @@ pub enum MultiError {
     Map {
         /// What is wrong.
         error: Box<MapError>,
-        /// Topics that cannot be read, and why.
+        /// Topics that cannot be read, with the reason.
         unreadable: Vec<String>,
     },
     /// No sample of a signal could be read.
@@ -36,9 +36,9 @@ pub enum MultiError {
     Empty {
         /// The log.
         path: PathBuf,
-        /// The log's name for the signal.
+        /// Name of the signal in the log.
         name: String,
-        /// Topics that cannot be read, and why.
+        /// Topics that cannot be read, with the reason.
         unreadable: Vec<String>,
     },
     /// There is no common clock.
@@ -59,19 +59,19 @@ fn unreadable_hint(topics: &[String]) -> String {
     }
 }
 
-/// Collects the samples of the signals that are wanted.
+/// Collects the samples of the selected signals.
 pub(crate) struct Collector {
     path: PathBuf,
     origin: String,
     sources: Vec<String>,
     selected: Vec<Selected>,
-    /// Signals that one source feeds.
+    /// Indices of the signals that each source feeds.
     fed: HashMap<String, Vec<usize>>,
     samples: Vec<Vec<(u64, f64)>>,
 }
 
 impl Collector {
-    /// Chooses from what the log has.
+    /// Selects signals from those of the log.
     pub fn new(
         path: &Path,
         offered: &[Source],
@@ -93,7 +93,7 @@ impl Collector {
         Ok(Self { path: path.into(), origin, sources, selected, fed, samples })
     }
 
-    /// Says more of where the record is from than the name of the file.
+    /// Sets a description of the record's origin that says more than the file name.
     pub fn call(&mut self, origin: String) {
         self.origin = origin;
     }
@@ -117,7 +117,8 @@ impl Collector {
         }
     }
 
-    /// The record on the clock of the fastest signal, over the time that all cover; 0 s is the first sample of all.
+    /// The record on the clock of the fastest signal, over the time that all signals cover; 0 s is the first
+    /// sample of all.
     pub fn finish(self, unreadable: &[String]) -> Result<Record, MultiError> {
         let start = self.samples.iter().flatten().map(|(t, _)| *t).min().unwrap_or(0);
         let mut series = Vec::with_capacity(self.selected.len());
@@ -132,7 +133,7 @@ impl Collector {
             let seconds = samples.into_iter().map(|(t, v)| ((t - start) as f64 / 1e9, v)).collect();
             series.push(Series::new(&chosen.name, chosen.unit.si_symbol(), seconds));
         }
-        // By the project's convention inputs are called u_...; a control signal holds until the next.
+        // By convention the names of inputs begin with u_; a control signal holds until the next sample.
         let held = |name: &str| name.starts_with("u_");
         Clock::common(&series, None)
             .and_then(|clock| resample(&self.origin, &series, &clock, held))

@@ -1,7 +1,8 @@
-//! The schema of a message with the vehicle's own names in it: `x.roll` in the place of `x[0]`.
+//! The schema of a message with the vehicle's own names in it: `x.roll` instead of `x[0]`.
 //!
-//! In CDR an array of numbers and a message of as many numbers are the same bytes (OMG DDS-RTPS 2.5, section 10.2.1.2: neither has
-//! a head, and all elements are aligned alike). So a log can call every element by its name without another layout.
+//! In CDR an array of numbers and a message of as many numbers have the same bytes (OMG DDS-RTPS 2.5, section
+//! 10.2.1.2: neither has a header, and all elements are aligned alike). A log can therefore name every element
+//! without another layout.
 
 use std::collections::BTreeMap;
 
@@ -9,11 +10,11 @@ use whirlstand_msgs::{Each, Message};
 
 use crate::bench_info::{BenchInfo, SignalInfo};
 
-/// The types that hold an element for each state, input and output.
+/// Types with an element for each state, input or output.
 const TYPES: [(Each, &str); 3] =
     [(Each::State, "VehicleStates"), (Each::Input, "VehicleInputs"), (Each::Output, "VehicleOutputs")];
 
-/// What an element is called that the vehicle has no signal for.
+/// Name of an element without a signal of the vehicle.
 const UNUSED: &str = "unused";
 
 const PACKAGE: &str = "whirlstand/";
@@ -62,14 +63,14 @@ fn elements(signals: &[SignalInfo], count: usize) -> String {
     text
 }
 
-/// A name that message syntax takes: letters, digits and `_`, a letter first.
+/// A name that is valid in message syntax: letters, digits and `_`, a letter first.
 fn field_name(name: &str) -> String {
     let plain = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' });
     let begins = name.starts_with(|c: char| c.is_ascii_alphabetic());
     if begins { plain.collect() } else { "s".chars().chain(plain).collect() }
 }
 
-/// The schema as [`Message::SCHEMA`] has it: without the names of a vehicle. One that is of another kind stays what it is.
+/// The schema without the names of a vehicle, as in [`Message::SCHEMA`]. A schema of another kind is unchanged.
 pub(crate) fn without_names(schema: &str) -> String {
     let mut own = String::new();
     let mut counts = BTreeMap::new();
@@ -100,7 +101,7 @@ pub(crate) fn without_names(schema: &str) -> String {
     lines.collect()
 }
 
-/// Numbers that a line stands for.
+/// Number of array elements that a line stands for.
 fn elements_of(line: &str) -> usize {
     let of = line.split_whitespace().next().unwrap_or_default();
     match of.strip_prefix("float64[").and_then(|rest| rest.strip_suffix(']')) {

@@ -1,4 +1,4 @@
-//! The time by which one signal lags another, when both show the same motion.
+//! Estimation of the time lag between two signals that show the same motion.
 
 use std::f64::consts::PI;
 
@@ -9,21 +9,21 @@ use crate::resample::{Clock, onto};
 use crate::sampling::median_interval;
 use crate::series::Series;
 
-/// Another peak this high, relative to the highest, makes the answer ambiguous.
+/// Relative height of a second peak that makes the answer ambiguous.
 const RIVAL: f64 = 0.9;
 
-/// How one signal lags another.
+/// The lag of one signal behind another.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct TimeOffset {
-    /// The second signal shows what the first shows, this much later, s.
+    /// Lag of the second signal behind the first, s.
     pub lag_s: f64,
     /// Correlation coefficient at that lag, -1 to 1; negative when one has the opposite sign.
     pub correlation: f64,
-    /// Another lag fits almost as well, as with periodic motion.
+    /// Whether another lag fits almost as well, as with periodic motion.
     pub ambiguous: bool,
 }
 
-/// Why the lag cannot be told.
+/// The reason why the lag cannot be estimated.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum OffsetError {
     /// The signals share too little time.
@@ -35,18 +35,18 @@ pub enum OffsetError {
         b: String,
         /// Common samples.
         points: usize,
-        /// Wanted samples.
+        /// Required samples.
         needed: usize,
     },
-    /// A signal does not move.
+    /// A signal is constant.
     #[error("{0} is constant: there is nothing to align")]
     Constant(String),
 }
 
 /// Estimates the lag of `b` behind `a`, between `-max_lag_s` and `max_lag_s`.
 ///
-/// Both are resampled on the clock of the faster one and freed of mean and trend; the lag is where their
-/// cross-correlation (by FFT, zero-padded; Knapp, Carter 1976) is greatest in absolute value, refined between
+/// Both are resampled to the clock of the faster one, and mean and trend are removed. The lag is where their
+/// cross-correlation (by FFT, zero-padded; Knapp, Carter 1976) has its greatest magnitude, refined between
 /// samples on its band-limited interpolation.
 ///
 /// # Errors
@@ -72,7 +72,7 @@ pub fn time_offset(a: &Series, b: &Series, max_lag_s: f64) -> Result<TimeOffset,
     };
     let ((x, x_energy), (y, y_energy)) = (prepare(a)?, prepare(b)?);
 
-    // Zero-padding keeps the ends from meeting.
+    // Zero-padding prevents circular correlation.
     let n = (2 * clock.points).next_power_of_two();
     let mut planner = FftPlanner::new();
     let spectrum = |values: &[f64], planner: &mut FftPlanner<f64>| {
@@ -99,7 +99,7 @@ pub fn time_offset(a: &Series, b: &Series, max_lag_s: f64) -> Result<TimeOffset,
     Ok(TimeOffset { lag_s: fraction * period, correlation: value * scale * n as f64, ambiguous: rival })
 }
 
-/// Subtracts the straight line that fits best; gaps become 0, which weighs nothing.
+/// Subtracts the least-squares line; gaps become 0, which has no weight.
 fn detrend(values: &mut [f64]) {
     let mut sums = [0.0; 5];
     for (k, v) in values.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
@@ -112,7 +112,7 @@ fn detrend(values: &mut [f64]) {
     let determinant = n * tt - t * t;
     let slope = if determinant.abs() > 0.0 { (n * tv - t * v) / determinant } else { 0.0 };
     let level = if n > 0.0 { (v - slope * t) / n } else { 0.0 };
-    // Rounding leaves crumbs of a straight line, which must not count as motion.
+    // The rounding errors of a straight line must not count as motion.
     let crumb = 1e-12 * (level.abs() + slope.abs() * values.len() as f64);
     for (k, value) in values.iter_mut().enumerate() {
         let rest = *value - level - slope * k as f64;
@@ -156,7 +156,7 @@ fn refine(cross: &[Complex<f64>], around: f64, sign: f64) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// A doublet of smooth pulses and a chirp: motion that repeats nowhere.
+    /// A doublet of smooth pulses and a chirp: motion that never repeats.
     fn motion(t: f64) -> f64 {
         let pulse = |at: f64| (-((t - at) / 0.3).powi(2)).exp();
         2.0 * pulse(2.0) - 2.0 * pulse(3.0) + (2.0 * PI * (0.2 + 0.1 * t) * t).sin()

@@ -1,10 +1,10 @@
-//! The file under a log writer: buffered, and closed to all that follows a failed write.
+//! The file under a log writer: buffered, and closed to any write after a failed one.
 
 use std::fs::File;
 use std::io::{BufWriter, Result, Seek, SeekFrom, Write};
 
-/// A file that takes nothing more once a write has failed: what was whole up to there stays readable, where an index or
-/// a footer behind half a chunk would not be.
+/// A file that accepts no more data once a write has failed. The data up to there stay readable, which they would
+/// not with an index or a footer after half a chunk.
 #[derive(Debug)]
 pub(crate) struct Output {
     /// `None` after a failure.
@@ -17,13 +17,13 @@ impl Output {
         Self { file: Some(BufWriter::new(file)), position: 0 }
     }
 
-    /// Does something with the file, as long as nothing has failed.
+    /// Runs an operation on the file, as long as none has failed.
     fn attempt<T>(&mut self, what: impl FnOnce(&mut BufWriter<File>) -> Result<T>) -> Option<Result<T>> {
         let result = what(self.file.as_mut()?);
         if result.is_err()
             && let Some(file) = self.file.take()
         {
-            // The buffer is not written again.
+            // The buffer is discarded, so that it is not written again.
             drop(file.into_parts());
         }
         Some(result)
@@ -43,7 +43,7 @@ impl Write for Output {
 }
 
 impl Seek for Output {
-    /// The writer asks where it is, and never goes anywhere.
+    /// The writer only asks for its position, and never moves it.
     fn seek(&mut self, to: SeekFrom) -> Result<u64> {
         match to {
             SeekFrom::Current(0) => Ok(self.position),

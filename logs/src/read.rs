@@ -19,7 +19,7 @@ use crate::record::{Record, SignalError};
 use crate::segments::Segments;
 use crate::ulog::{UlogError, read_ulog};
 
-/// Why a log cannot be read.
+/// The reason why a log cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum AnyReadError {
     /// The file cannot be opened.
@@ -30,37 +30,37 @@ pub enum AnyReadError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// As CSV.
+    /// An error of a CSV file.
     #[error(transparent)]
     Csv(#[from] CsvError),
-    /// As MCAP.
+    /// An error of an MCAP file.
     #[error(transparent)]
     Mcap(#[from] ReadError),
-    /// As a log of a bench.
+    /// An error of a bench's log.
     #[error(transparent)]
     Bench(#[from] BenchRecordError),
-    /// As an MCAP log of another program.
+    /// An error of an MCAP log of another program.
     #[error(transparent)]
     Foreign(#[from] ForeignError),
-    /// As ULog.
+    /// An error of a ULog.
     #[error(transparent)]
     Ulog(#[from] UlogError),
-    /// As DataFlash.
+    /// An error of a DataFlash log.
     #[error(transparent)]
     Dataflash(#[from] DataflashError),
-    /// As blackbox.
+    /// An error of a blackbox log.
     #[error(transparent)]
     Blackbox(#[from] BlackboxError),
     /// A mapping does not fit.
     #[error(transparent)]
     Map(#[from] MapError),
-    /// A signal was asked for that the log does not have.
+    /// A requested signal is not in the log.
     #[error(transparent)]
     Missing(#[from] SignalError),
 }
 
 impl AnyReadError {
-    /// The source that a mapping names and the log does not have, if that is what is wrong.
+    /// The source of a mapping that the log does not have, if that is the error.
     pub fn missing_source(&self) -> Option<&MissingSource> {
         let map = match self {
             Self::Csv(CsvError::Map(error)) | Self::Map(error) => error,
@@ -77,7 +77,7 @@ impl AnyReadError {
     }
 }
 
-/// The kinds of log, told by how the file begins.
+/// The kinds of log, recognised by the beginning of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// MCAP, or a folder with a `log.mcap` in it.
@@ -88,15 +88,15 @@ pub enum Kind {
     Dataflash,
     /// Blackbox of Betaflight, INAV or Cleanflight.
     Blackbox,
-    /// Anything else.
+    /// Any other file.
     Csv,
 }
 
-/// Tells the kind of a log from its first bytes, whatever the file is called. Only where they tell nothing, as when the
-/// beginning is damaged, does the ending of the name: `.bin`, `.bbl`, `.bfl`.
+/// The kind of a log, from its first bytes, whatever its name. The extension (`.bin`, `.bbl`, `.bfl`) decides only
+/// where the first bytes are not conclusive, as in a file with a damaged beginning.
 ///
 /// # Errors
-/// What the system says.
+/// The error of the operating system.
 pub fn kind(path: &Path) -> std::io::Result<Kind> {
     // The first file of a log may have been removed by its recorder.
     if path.is_dir() || !path.exists() && Segments::of(path).files().next().is_some() {
@@ -114,7 +114,7 @@ pub fn kind(path: &Path) -> std::io::Result<Kind> {
     } else if start.starts_with(blackbox::MAGIC) {
         Kind::Blackbox
     } else if start.is_empty() && ending("mcap") {
-        // A recorder that was killed before its first write.
+        // An empty file of a recorder that was killed before its first write.
         Kind::Mcap
     } else if ending("bin") {
         Kind::Dataflash
@@ -127,9 +127,10 @@ pub fn kind(path: &Path) -> std::io::Result<Kind> {
 
 /// Reads a log of any known kind into SI units.
 ///
-/// In CSV and in logs of this program, mapped signals get their new names and the others keep theirs. ULog, DataFlash,
-/// blackbox and MCAP logs of other programs have signals on many clocks: the mapped ones are read, onto the clock of the
-/// fastest, inputs (`u_...`) held from sample to sample, others interpolated.
+/// In CSV and in logs of this program, mapped signals get their new names and the others keep theirs. ULog,
+/// DataFlash, blackbox and MCAP logs of other programs have signals on many clocks: the mapped ones are read and
+/// resampled to the clock of the fastest. Inputs (`u_...`) are held from sample to sample, other signals are
+/// interpolated.
 ///
 /// # Errors
 /// [`AnyReadError`].
@@ -151,8 +152,8 @@ pub fn read(path: impl AsRef<Path>, mappings: &[Mapping]) -> Result<Record, AnyR
     }
 }
 
-/// As [`read`], of a log of this program with these signals only, if it has all of them and nothing is mapped: the others
-/// need no memory.
+/// As [`read`], but only these signals of a log of this program, if it has all of them and no mapping is given.
+/// The other signals take no memory.
 ///
 /// # Errors
 /// [`AnyReadError`].
@@ -172,11 +173,12 @@ pub fn read_signals(
             return Ok(record);
         }
     }
-    // What is missing is told with the names of all that there is.
+    // The error for a missing signal lists the names of all signals.
     read(path, mappings)
 }
 
-/// Writes a log of any known kind as one wide CSV, with `signals` only, or all if there are none.
+/// Writes a log of any known kind as one wide CSV, with the `signals` only, or with all signals if the list
+/// is empty.
 ///
 /// # Errors
 /// [`AnyReadError`].
@@ -194,7 +196,7 @@ pub fn export(
     Ok(Exported { rows: record.len(), signals: record.names(), duration: record.duration() })
 }
 
-/// What [`export`] wrote.
+/// Summary of the file that [`export`] wrote.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Exported {
     /// Lines below the head.

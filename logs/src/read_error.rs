@@ -1,4 +1,4 @@
-//! What stands in the way of reading an MCAP log.
+//! Errors of reading an MCAP log.
 
 use std::path::PathBuf;
 
@@ -27,7 +27,7 @@ pub enum ReadError {
     Schema {
         /// The topic.
         topic: String,
-        /// Type in the log, and what is different about it.
+        /// Type in the log, and its difference.
         found: String,
         /// Type in this program.
         expected: &'static str,
@@ -37,14 +37,14 @@ pub enum ReadError {
     Length {
         /// The topic.
         topic: String,
-        /// Its length, bytes.
+        /// Length of the message, bytes.
         found: usize,
         /// Type in this program.
         expected: &'static str,
         /// Length of the type, bytes.
         length: usize,
     },
-    /// The log says something about its bench that cannot be understood.
+    /// The description of the bench in the log is invalid.
     #[error("{path}: the description of the bench is corrupt: {reason}")]
     BenchInfo {
         /// The file.
@@ -52,7 +52,7 @@ pub enum ReadError {
         /// What is wrong.
         reason: String,
     },
-    /// There is nothing to read.
+    /// The folder contains no log.
     #[error("{path} is a folder without a log.mcap")]
     NoLog {
         /// The folder.

@@ -1,4 +1,5 @@
-//! One time axis and named signals in SI units: what every reader ends in, and all that analysis sees.
+//! Records: one time axis and named signals in SI units. They are the result of every reader and the input of
+//! all analyses.
 
 use serde::Serialize;
 use whirlstand_msgs::names::did_you_mean;
@@ -20,13 +21,13 @@ pub struct Signal {
 /// Signals over one time axis, in SI units.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Record {
-    /// Where it was read from, for messages to the user.
+    /// Origin of the record, for messages to the user.
     pub origin: String,
-    /// Unit of `time`: `s`, or `samples` for a record that does not know its clock.
+    /// Unit of `time`: `s`, or `samples` for a record without a known clock.
     pub time_unit: String,
-    /// Strictly increasing.
+    /// Time axis, strictly increasing.
     pub time: Vec<f64>,
-    /// Time of the first point of the whole record, for one that is a part of another.
+    /// Time of the first point of the whole record, for a record that is a part of another.
     #[serde(skip)]
     whole_from: Option<f64>,
     signals: Vec<Signal>,
@@ -34,7 +35,7 @@ pub struct Record {
     unreadable: Vec<Unreadable>,
 }
 
-/// Why a signal that was asked for cannot be had from a record.
+/// The reason why a requested signal is not available.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SignalError {
     /// The record does not have it.
@@ -51,12 +52,12 @@ pub enum SignalError {
         /// What the record has.
         available: Vec<String>,
     },
-    /// The record has it, and it cannot be read.
+    /// The record has the signal, but it cannot be read.
     #[error(transparent)]
     Unreadable(Unreadable),
 }
 
-/// Why signals do not make a record.
+/// The reason why signals cannot form a record.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RecordError {
     /// Two signals have one name.
@@ -177,8 +178,8 @@ impl Record {
         &self.unreadable
     }
 
-    /// The record in which a signal that measures something else than is expected under its name cannot be read: each
-    /// name with its unit in SI. A signal without a unit is taken to be in the one that is expected.
+    /// The record, in which a signal whose unit is not compatible with the expected one is marked as unreadable.
+    /// `expected` holds names with their SI units. A signal without a unit is assumed to have the expected one.
     pub fn expecting<'n>(mut self, expected: impl IntoIterator<Item = (&'n str, &'n Unit)>) -> Self {
         for (name, unit) in expected {
             let Some(at) = self.signals.iter().position(|s| s.name == name) else { continue };
@@ -198,19 +199,19 @@ impl Record {
         self
     }
 
-    /// Remembers signals that the file has and that could not be read.
+    /// Stores the signals of the file that could not be read.
     pub(crate) fn with_unreadable(mut self, unreadable: Vec<Unreadable>) -> Self {
         self.unreadable.extend(unreadable);
         self
     }
 
-    /// Puts other values into a signal; there are as many as points in time.
+    /// Replaces the values of a signal; there must be one per point in time.
     pub(crate) fn replace(&mut self, signal: usize, values: Vec<f64>) {
         debug_assert_eq!(values.len(), self.time.len());
         self.signals[signal].values = values;
     }
 
-    /// Takes signals out; the order is that of the record.
+    /// Extracts time axis and signals, in the order of the record.
     pub fn into_signals(self) -> (Vec<f64>, Vec<Signal>) {
         (self.time, self.signals)
     }
@@ -233,7 +234,8 @@ impl Record {
         }
     }
 
-    /// Time of the first point of the whole record, of which this may be a part: what goes by time counts from there.
+    /// Time of the first point of the whole record, of which this may be a part. Effects that depend on time count
+    /// from there.
     pub fn begins_at(&self) -> f64 {
         self.whole_from.or(self.time.first().copied()).unwrap_or(0.0)
     }
@@ -256,7 +258,7 @@ impl Record {
         }
     }
 
-    /// The points that are `kept`, as a record of its own; what was left out is a gap in its time axis.
+    /// The `kept` points as a separate record; omitted points leave gaps in its time axis.
     pub fn keep(&self, kept: &[bool]) -> Self {
         fn chosen(values: &[f64], kept: &[bool]) -> Vec<f64> {
             values.iter().zip(kept).filter(|(_, kept)| **kept).map(|(value, _)| *value).collect()
@@ -275,7 +277,7 @@ impl Record {
         }
     }
 
-    /// The record with the named signals alone, in that order.
+    /// The record with only the named signals, in that order.
     ///
     /// # Errors
     /// [`SignalError`].
@@ -316,7 +318,7 @@ impl Record {
         Ok(Self { signals, ..self }.with_unreadable(unreadable))
     }
 
-    /// Gives a record that counts samples its clock: point n is at n times `period_s`.
+    /// Gives a record without a known clock its sampling period: point n is at n times `period_s`.
     pub fn with_sample_period(mut self, period_s: f64) -> Self {
         if self.time_unit == "samples" {
             self.time.iter_mut().chain(&mut self.whole_from).for_each(|t| *t *= period_s);

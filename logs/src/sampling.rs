@@ -1,4 +1,4 @@
-//! How evenly a signal was sampled, and where it was not.
+//! Regularity of a signal's sampling, and its gaps.
 
 use std::ops::Range;
 
@@ -7,18 +7,19 @@ use serde::Serialize;
 use crate::record::{Record, SignalError};
 use crate::stats::median;
 
-/// An interval longer than this many median intervals has a sample missing: it is nearer to two than to one.
+/// Length, in median intervals, above which an interval has a missing sample: it is then nearer to two
+/// intervals than to one.
 const GAP: f64 = 1.5;
 
-/// Longest pause across which a signal is taken to go on, in median intervals: two samples may be missing and the clock
-/// jitter by half an interval. Two samples lost in a row are common on a radio or a busy bus; a longer pause hides
-/// motion, and is cut.
+/// Longest pause that is bridged, in median intervals: two samples may be missing and the clock may jitter by half
+/// an interval. Two consecutive lost samples are common on a radio or a busy bus; a longer pause hides motion, and
+/// the signal is cut there.
 pub const LONGEST_BRIDGED: f64 = 3.5;
 
-/// Intervals that deviate from the median by more than this share make sampling uneven.
+/// Relative deviation of an interval from the median above which sampling is uneven.
 const UNEVEN: f64 = 0.01;
 
-/// How a time axis is sampled.
+/// Statistics of the sampling of a time axis.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Sampling {
     /// Number of points.
@@ -31,7 +32,7 @@ pub struct Sampling {
     pub longest: Option<f64>,
     /// Standard deviation of the intervals that are not gaps, relative to the median.
     pub jitter: Option<f64>,
-    /// Some interval that is not a gap is more than 1 % off the median.
+    /// Whether an interval that is not a gap deviates from the median by more than 1 %.
     pub uneven: bool,
     /// Intervals longer than 1.5 times the median.
     pub gaps: Vec<Gap>,
@@ -40,18 +41,18 @@ pub struct Sampling {
 /// A time without samples.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Gap {
-    /// Index of the last point before it.
+    /// Index of the last point before the gap.
     pub after: usize,
     /// Time of that point.
     pub from: f64,
-    /// Time of the first point after it.
+    /// Time of the first point after the gap.
     pub to: f64,
-    /// Samples that the median interval would have put there.
+    /// Number of samples that fit into the gap at the median interval.
     pub missing: u64,
 }
 
 impl Sampling {
-    /// Looks at an increasing time axis.
+    /// Analyses an increasing time axis.
     pub fn of(time: &[f64]) -> Self {
         let Some(median) = median_interval(time) else {
             return Self { points: time.len(), ..Self::default() };
@@ -94,11 +95,11 @@ pub fn median_interval(time: &[f64]) -> Option<f64> {
     (!intervals.is_empty()).then(|| median(&intervals))
 }
 
-/// The period of a clock whose stamps are even but for rounding; `None` when there are gaps or jitter.
+/// The period of a clock whose stamps are even except for rounding; `None` when there are gaps or jitter.
 pub fn even_period(time: &[f64]) -> Option<f64> {
     let (first, last) = (time.first()?, time.last()?);
     let mean = (last - first) / (time.len().checked_sub(1).filter(|n| *n > 0)? as f64);
-    // A clock is given with some six digits: 0.0016384 s, not 0.00163840001.
+    // A clock period has about six digits: 0.0016384 s, not 0.00163840001.
     let digits = 10f64.powi(7 - mean.log10().ceil() as i32);
     let rounded = (mean * digits).round() / digits;
     let tolerance = 0.25 * mean;
@@ -115,8 +116,9 @@ impl Record {
     }
 }
 
-/// Pauses of a signal that is otherwise regular, longer than [`LONGEST_BRIDGED`]: from the last time before to the first
-/// after. A signal of which fewer than nine in ten intervals are usual has events, not samples, and no pauses.
+/// Pauses of an otherwise regular signal that are longer than [`LONGEST_BRIDGED`]: from the last time before to
+/// the first time after each. A signal of which fewer than nine in ten intervals are regular consists of events
+/// and has no pauses.
 pub fn pauses(time: &[f64]) -> Vec<(f64, f64)> {
     let Some(median) = median_interval(time) else { return Vec::new() };
     let intervals = || time.windows(2).map(|t| t[1] - t[0]);
@@ -150,11 +152,11 @@ pub fn unbroken(record: &Record, signals: &[&str]) -> Result<Vec<Range<usize>>, 
     Ok(parts)
 }
 
-/// Changes of a sensor's value from which on its own rate is known.
+/// Number of changes of a sensor's value from which its own rate can be determined.
 const LEAST_CHANGES: usize = 8;
 
-/// For a sensor slower than its record, whose last value is repeated until the next: the first sample at which the value
-/// changes, and samples from one fresh value to the next. `None` for any other. NaN is no value.
+/// For a sensor slower than its record, whose last value is repeated until the next: the index of the first
+/// change, and the number of samples between fresh values. `None` for any other sensor. NaN is no value.
 pub fn repeated_every(values: &[f64]) -> Option<(usize, usize)> {
     let present: Vec<usize> = (0..values.len()).filter(|k| values[*k].is_finite()).collect();
     let changed = present.windows(2).filter(|w| values[w[1]] != values[w[0]]);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::read_error::ReadError;
 
-/// The name of the first file of a log, and the files that there are, by number; the first file has number 1.
+/// The files of a log by number, and the name of its first file, which has number 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Segments {
     first: PathBuf,
@@ -13,7 +13,7 @@ pub struct Segments {
 }
 
 impl Segments {
-    /// Looks for the files of the log whose first file is, or was, `first`.
+    /// Finds the files of the log whose first file is, or was, `first`.
     pub fn of(first: &Path) -> Self {
         let parent = first.parent().filter(|parent| !parent.as_os_str().is_empty());
         let entries = std::fs::read_dir(parent.unwrap_or(Path::new("."))).into_iter().flatten().flatten();
@@ -30,7 +30,7 @@ impl Segments {
         self.files.values()
     }
 
-    /// The name of the file that follows all that there are.
+    /// The name for the next file.
     pub fn next(&self) -> PathBuf {
         match self.files.last_key_value() {
             None => self.first.clone(),
@@ -38,7 +38,7 @@ impl Segments {
         }
     }
 
-    /// Adds a file under the number in its name.
+    /// Adds a file with the number in its name.
     pub fn add(&mut self, path: &Path) {
         let file = path.file_name().unwrap_or_default().to_string_lossy();
         if let Some(number) = number_of(&file, &self.first) {
@@ -56,14 +56,14 @@ impl Segments {
         (self.files.len() > most).then(|| self.files.pop_first())?.map(|(_, path)| path)
     }
 
-    /// Numbers that are missing between the first file and the last.
+    /// The missing files between the first and the last one.
     pub fn missing(&self) -> Vec<PathBuf> {
         let (Some((from, _)), Some((to, _))) = (self.files.first_key_value(), self.files.last_key_value())
         else {
             return Vec::new();
         };
         let absent = |n: &u32| !self.files.contains_key(n);
-        // A name that was given by hand may have any number.
+        // A name given by hand may have any number.
         (*from..*to).filter(absent).take(10).map(|n| name(&self.first, n)).collect()
     }
 }
@@ -89,7 +89,7 @@ fn number_of(file: &str, first: &Path) -> Option<u32> {
     (number.to_string() == digits).then_some(number)
 }
 
-/// The name that the first file of a log has, or had, one of whose later files is `path`.
+/// The name of the first file of the log that has `path` as one of its later files.
 fn first_of(path: &Path) -> Option<PathBuf> {
     let stem = path.file_stem()?.to_string_lossy().into_owned();
     let (stem, _) = stem.rsplit_once('.')?;
@@ -98,7 +98,7 @@ fn first_of(path: &Path) -> Option<PathBuf> {
     Some(first)
 }
 
-/// The files of the log for which `path` stands; `None` when it stands for itself alone, or for nothing.
+/// The files of the log that `path` stands for; `None` when `path` is a single file, or does not exist.
 fn whole(path: &Path) -> Option<Segments> {
     let first = if path.is_dir() { path.join("log.mcap") } else { path.to_path_buf() };
     let begins = |first: &Path| {
@@ -106,13 +106,13 @@ fn whole(path: &Path) -> Option<Segments> {
         let oldest = segments.files().next()?;
         (path.is_dir() || !path.exists() || oldest == path).then_some(segments)
     };
-    // The oldest file that there is may be one that was a later one.
+    // The oldest existing file may be a later one of the log.
     first_of(&first).and_then(|first| begins(&first)).or_else(|| begins(&first))
 }
 
-/// The files of the log at `path`, in order. A folder stands for the `log.mcap` in it. With the first file, all later
-/// ones are read; the first is the oldest that there is, because a recorder may have been told to remove older ones. A later
-/// file stands for itself alone.
+/// The files of the log at `path`, in order. A folder stands for its `log.mcap`. With the first file, all later
+/// ones are included; the first one is the oldest that exists, because a recorder may have been told to remove
+/// older ones. A later file stands for itself only.
 ///
 /// # Errors
 /// [`ReadError::NoLog`] for a folder without a log.
@@ -125,7 +125,7 @@ pub fn log_files(path: impl AsRef<Path>) -> Result<Vec<PathBuf>, ReadError> {
     }
 }
 
-/// Files that are missing in the midst of the log at `path`.
+/// Files that are missing within the log at `path`.
 pub(crate) fn missing_files(path: &Path) -> Vec<PathBuf> {
     whole(path).map_or(Vec::new(), |segments| segments.missing())
 }
@@ -154,7 +154,7 @@ mod tests {
         assert_eq!(names(&log_files(at("log.02.mcap")).unwrap()), ["log.02.mcap"]);
         let missing = Segments::of(&at("log.mcap")).missing();
         assert_eq!(names(&missing)[..2], ["log.3.mcap", "log.4.mcap"]);
-        // The recorder kept the last ones only.
+        // The recorder kept only the last files.
         std::fs::remove_file(at("log.mcap")).unwrap();
         std::fs::remove_file(at("log.2.mcap")).unwrap();
         for path in [folder.path().to_path_buf(), at("log.mcap"), at("log.9.mcap")] {

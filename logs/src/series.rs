@@ -1,4 +1,4 @@
-//! A signal on its own clock, as loggers of many topics keep it.
+//! A signal on its own clock, as in logs of many topics.
 
 use crate::record::Record;
 
@@ -9,18 +9,18 @@ pub struct Series {
     pub name: String,
     /// SI unit; empty for a pure number.
     pub unit: String,
-    /// Strictly increasing, s.
+    /// Times of the samples, strictly increasing, s.
     time: Vec<f64>,
-    /// One value per time, none of them NaN.
+    /// Values of the samples, one per time, none of them NaN.
     values: Vec<f64>,
 }
 
 impl Series {
-    /// A series of samples `(time, value)` in any order. Samples that are NaN are left out; of two at one time the
-    /// later in the list holds.
+    /// A series from samples `(time, value)` in any order. Samples that are NaN are left out; of two samples at
+    /// the same time the later one in the list holds.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, mut samples: Vec<(f64, f64)>) -> Self {
         samples.retain(|(t, v)| t.is_finite() && !v.is_nan());
-        // Stable: samples of one time stay in their order.
+        // The sort is stable: samples at the same time keep their order.
         samples.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut time: Vec<f64> = Vec::with_capacity(samples.len());
         let mut values = Vec::with_capacity(samples.len());

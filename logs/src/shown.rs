@@ -1,14 +1,14 @@
-//! Values as an engineer reads them: angles in degrees, three or four digits. What a vehicle file declares is shown by
-//! [`ShownUnit`].
+//! Values in the form that engineers read: angles in degrees, three or four digits. Values with a unit declared in
+//! a vehicle file are shown by [`ShownUnit`].
 
 pub use whirlstand_msgs::units::{ShownUnit, clean, number};
 
-/// So many of something, in the plural where it is not one.
+/// A count and its noun, in the plural unless the count is 1.
 pub fn counted(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
-/// A value of which no file says how it is shown, with four significant digits and its unit.
+/// A value for which no file declares a unit, with four significant digits and its unit.
 pub fn shown(value: f64, si: &str) -> String {
     ShownUnit::of(si).text(value)
 }

@@ -1,4 +1,4 @@
-//! Power spectral density by Welch's method, and the lines that stand out of it.
+//! Power spectral density by Welch's method, and its spectral lines.
 
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -24,7 +24,7 @@ pub struct Peak {
     pub frequency_hz: f64,
     /// Amplitude of the sine that has the power of the line above the floor, in the unit of the signal.
     pub amplitude: f64,
-    /// Power of the line over the power of the signal, 0 to 1.
+    /// Power of the line divided by the power of the signal, 0 to 1.
     pub share: f64,
 }
 
@@ -68,7 +68,7 @@ pub fn welch(signal: &[f64], period_s: f64) -> Spectrum {
     Spectrum { frequency_hz, density, segments }
 }
 
-/// A rotor does not hold its speed to less than this: maxima closer than that to a stronger one are its own.
+/// Relative frequency variation of a rotor: maxima closer than that to a stronger one belong to it.
 const WANDER: f64 = 0.05;
 
 /// The lines of a spectrum, strongest first, at most `most`.
@@ -104,7 +104,8 @@ pub fn peaks(spectrum: &Spectrum, most: usize) -> Vec<Peak> {
         }
         // The main lobe of the Hann window is four bins wide.
         let power: f64 = (i - 2..=i + 2).map(|j| (d[j] - floor).max(0.0)).sum::<f64>() * df;
-        // Exact for a sine between two bins under the Hann window: the ratio of the amplitudes of neighbours.
+        // Exact for a sine between two bins under the Hann window, from the amplitude ratio of neighbouring
+        // bins.
         let (left, middle, right) = (d[i - 1].sqrt(), d[i].sqrt(), d[i + 1].sqrt());
         let shift = if right >= left {
             let ratio = right / middle;

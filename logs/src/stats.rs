@@ -1,4 +1,4 @@
-//! Robust statistics, and the chi-square distribution, that the figures of a run rest on.
+//! Robust statistics and the chi-square distribution, which are used for the figures of a run.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -95,15 +95,15 @@ pub fn moving_average(y: &[f64], half: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Quantile of the chi-square distribution: the value that a variable of so many degrees of freedom does not exceed
-/// with probability `p`, in `[0, 1]`. Without a degree of freedom the variable is always 0.
+/// Quantile of the chi-square distribution: the value that a variable with `degrees` degrees of freedom does not
+/// exceed with probability `p`, in `[0, 1]`. Without a degree of freedom the variable is always 0.
 pub fn chi_square_quantile(p: f64, degrees: f64) -> f64 {
     ChiSquared::new(degrees).map_or(0.0, |distribution| distribution.inverse_cdf(p))
 }
 
-/// Probability that a chi-square variable of so many degrees of freedom exceeds `x`, exact far into the tail, where 1
-/// less the cumulative probability would be nothing but rounding. NaN for a NaN; without a degree of freedom the
-/// variable is always 0.
+/// Probability that a chi-square variable with `degrees` degrees of freedom exceeds `x`. It is accurate far into
+/// the tail, where 1 minus the cumulative probability would be nothing but rounding error. NaN for a NaN; without
+/// a degree of freedom the variable is always 0.
 pub fn chi_square_tail(x: f64, degrees: f64) -> f64 {
     match ChiSquared::new(degrees) {
         _ if x.is_nan() => f64::NAN,
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
     use crate::testing::noise;
 
-    /// Probability, degrees of freedom and `scipy.stats.chi2.ppf` of them.
+    /// Probability, degrees of freedom and the quantile by `scipy.stats.chi2.ppf`.
     const CHI_SQUARE_QUANTILES: [(f64, f64, f64); 5] = [
         (0.025, 10.0, 3.246_972_780_236_841_3),
         (0.975, 10.0, 20.483_177_350_807_388),
@@ -126,7 +126,7 @@ mod tests {
         (0.975, 240_000.0, 241_359.796_192_816_25),
     ];
 
-    /// Value, degrees of freedom and `scipy.stats.chi2.sf` of them.
+    /// Value, degrees of freedom and the tail probability by `scipy.stats.chi2.sf`.
     const CHI_SQUARE_TAILS: [(f64, f64, f64); 7] = [
         (18.307, 10.0, 0.050_000_589_091_398_12),
         (50.892, 30.0, 0.010_000_441_157_962_71),

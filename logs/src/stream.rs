@@ -1,6 +1,7 @@
 //! The messages of an MCAP log in file order, over all its files.
 //!
-//! A recorder that was restarted, or whose file reached its size, goes on in another file: see [`crate::segments`].
+//! A recorder that was restarted, or whose file reached its size limit, continues in another file: see
+//! [`crate::segments`].
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -14,7 +15,7 @@ use crate::read_error::ReadError;
 use crate::segments::log_files;
 use crate::writer::CDR_HEADER;
 
-/// A message as it stands in the log.
+/// A message as stored in the log.
 #[derive(Debug, Clone, Copy)]
 pub struct RawMessage<'a> {
     /// Its topic.
@@ -23,24 +24,25 @@ pub struct RawMessage<'a> {
     pub sequence: u32,
     /// Time on the log's axis, ns.
     pub log_time: u64,
-    /// Time that the publisher gave it, ns.
+    /// Time set by the publisher, ns.
     pub publish_time: u64,
     /// Encoded content.
     pub data: &'a [u8],
 }
 
 impl RawMessage<'_> {
-    /// The message as the type that its topic holds.
+    /// Decodes the message into the type that its topic holds.
     ///
     /// # Errors
-    /// [`ReadError::Schema`] when the topic holds another type, [`ReadError::Length`] when the bytes do not fit.
+    /// [`ReadError::Schema`] when the topic holds another type, [`ReadError::Length`] when the number of bytes
+    /// does not fit.
     pub fn decode<M: Message>(&self) -> Result<M, ReadError> {
         check_schema::<M>(self.topic)?;
         decode_unchecked(self)
     }
 }
 
-/// Reads the bytes of a message whose schema has been checked.
+/// Decodes the bytes of a message whose schema has been checked.
 pub(crate) fn decode_unchecked<M: Message>(message: &RawMessage<'_>) -> Result<M, ReadError> {
     message
         .data
@@ -54,7 +56,7 @@ pub(crate) fn decode_unchecked<M: Message>(message: &RawMessage<'_>) -> Result<M
         })
 }
 
-/// Confirms that a topic holds `M` as this program knows it.
+/// Checks that a topic holds `M` in this program's version.
 pub(crate) fn check_schema<M: Message>(topic: &Topic) -> Result<(), ReadError> {
     let same_name = topic.schema_name == M::TYPE_NAME;
     if same_name && topic.message_encoding == "cdr" && topic.layout == M::SCHEMA.as_bytes() {
@@ -70,7 +72,7 @@ pub struct LogStream {
     waiting: VecDeque<PathBuf>,
     current: LogFile,
     current_path: PathBuf,
-    /// The message handed out last; its bytes are in the current file.
+    /// Location of the last returned message, whose bytes are in the current file.
     entry: Option<crate::log_file::Entry>,
     metadata: Vec<(String, BTreeMap<String, String>)>,
     attached: Vec<AttachedFile>,
@@ -101,8 +103,8 @@ impl LogStream {
         })
     }
 
-    /// The next message, or `None` at the end of the last file. Damaged records and cut-off ends are passed
-    /// over and told by [`Self::damage`] and [`Self::endings`].
+    /// The next message, or `None` at the end of the last file. Damaged records and cut-off ends are skipped
+    /// and reported by [`Self::damage`] and [`Self::endings`].
     ///
     /// # Errors
     /// [`ReadError::Io`], and [`ReadError::NotMcap`] for a later file.
@@ -128,7 +130,7 @@ impl LogStream {
         match self.current.next()? {
             Step::Messages => {}
             Step::Metadata(name, map) => self.metadata.push((name, map)),
-            // Every file of a log has the launch file and the vehicle in it.
+            // Every file of a log contains the launch file and the vehicle, so repetitions are skipped.
             Step::Attached(file) if self.attached.contains(&file) => {}
             Step::Attached(file) => self.attached.push(file),
             Step::End(ending) => {
@@ -149,28 +151,28 @@ impl LogStream {
         Ok(())
     }
 
-    /// What could not be written, as the files met so far say.
+    /// Holes in the log, as far as the files read so far report them.
     pub fn holes(&self) -> impl Iterator<Item = Hole> {
         let holes = self.metadata.iter().filter(|(name, _)| name == Hole::METADATA_NAME);
         holes.map(|(_, map)| Hole::from_map(map))
     }
 
-    /// Metadata records met so far: name and texts.
+    /// Metadata records read so far: name and texts.
     pub fn metadata(&self) -> &[(String, BTreeMap<String, String>)] {
         &self.metadata
     }
 
-    /// Attached files met so far.
+    /// Attached files read so far.
     pub fn attached(&self) -> &[AttachedFile] {
         &self.attached
     }
 
-    /// What could not be read in the files that have been finished.
+    /// Damaged parts of the files that have been read to their end.
     pub fn damage(&self) -> &[Damage] {
         &self.damage
     }
 
-    /// The files that have been finished, and how each ended.
+    /// The files that have been read to their end, and the state of each end.
     pub fn endings(&self) -> &[(PathBuf, Ending)] {
         &self.endings
     }

@@ -1,6 +1,6 @@
 //! Reproducible noise for tests.
 
-/// Gaussian-like numbers of unit variance: sums of twelve uniform ones (Irwin and Hall).
+/// Approximately Gaussian numbers of unit variance: sums of twelve uniform numbers (Irwin and Hall).
 pub fn noise(n: usize, seed: u64) -> Vec<f64> {
     let mut s = seed;
     let mut uniform = || {

@@ -1,24 +1,24 @@
-//! What a log of many topics offers, each on a clock of its own: ULog, DataFlash, blackbox.
+//! The topics of a log with many topics, each with its own clock: ULog, DataFlash, blackbox.
 
 use std::collections::BTreeMap;
 
 use crate::mapping::Source;
 
-/// What a log of many topics offers.
+/// The topics of a log with many topics.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Topics {
     /// Topics by name.
     pub by_name: BTreeMap<String, TopicSamples>,
-    /// Sentences on what a reader should know: how the file ends when not as a finished one does, damage, a choice.
+    /// Remarks for the user: an irregular end of the file, damage, a choice between logs.
     pub remarks: Vec<String>,
 }
 
-/// A topic of a log.
+/// Signals and times of one topic.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct TopicSamples {
-    /// Its signals, with the units that the log states.
+    /// Signals of the topic, with the units that the log states.
     pub signals: Vec<Source>,
-    /// Times of its samples, ns.
+    /// Times of the topic's samples, ns.
     pub times_ns: Vec<u64>,
 }
 

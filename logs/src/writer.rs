@@ -44,10 +44,11 @@ pub const CDR_HEADER: [u8; 4] = [0, cfg!(target_endian = "little") as u8, 0, 0];
 /// A quarter of a second keeps "readable up to the last second" true also when the machine stalls.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(250);
 
-/// Chunks of this size compress well, and a reader can hold one; Foxglove reads a chunk at a time.
+/// Size of a chunk, bytes: large enough to compress well, and small enough for a reader to hold; Foxglove
+/// reads a chunk at a time.
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// Why a log cannot be written.
+/// The reason why a log cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// The file cannot be created.
@@ -63,13 +64,13 @@ pub enum WriteError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the MCAP writer says.
+        /// The error of the MCAP writer.
         source: McapError,
     },
 }
 
 impl WriteError {
-    /// What is wrong, without the file's name: `disk full` and the like.
+    /// The reason without the file's name, such as `disk full`.
     pub fn reason(&self) -> String {
         match self {
             Self::Create { source, .. } => io_reason(source),
@@ -78,7 +79,7 @@ impl WriteError {
     }
 }
 
-/// What the writer says, in short where a user knows it by another name.
+/// The error in short form, with common names for errors that users know.
 fn reason(error: &McapError) -> String {
     match error {
         McapError::Io(error) => io_reason(error),
@@ -110,7 +111,7 @@ pub struct EncodedChannel {
     sequence: u32,
 }
 
-/// What a finished log holds.
+/// Size of a finished log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Written {
     /// Number of messages.
@@ -125,13 +126,13 @@ pub struct LogWriter {
     path: PathBuf,
     info: BenchInfo,
     scratch: Vec<u8>,
-    /// Latest bench time in the log, ns: where messages that carry wall-clock time are put on the time axis.
+    /// Latest bench time in the log, ns, which is used for messages that carry wall-clock time.
     bench_ns: u64,
     messages: u64,
     /// Messages that have been handed to the operating system.
     flushed: u64,
     next_flush: Option<Instant>,
-    /// The file, for its size and to be synced.
+    /// A handle of the file, for its size and for syncing.
     file: File,
 }
 
@@ -159,7 +160,7 @@ impl LogWriter {
             .library(concat!("whirlstand/", env!("CARGO_PKG_VERSION")))
             .compression(Some(Compression::Lz4))
             .chunk_size(Some(chunk_bytes.min(CHUNK_BYTES)))
-            // Chunks are put together in memory and written whole, never patched in the file.
+            // Chunks are assembled in memory and written as a whole; nothing is patched in the file.
             .disable_seeking(true);
         let write = |source| WriteError::Write { path: path.clone(), source };
         let output = file.try_clone().map(Output::new).map_err(|e| write(e.into()))?;
@@ -181,7 +182,8 @@ impl LogWriter {
         })
     }
 
-    /// Says in the log that messages before it are missing. It is on disk when this returns.
+    /// Records in the log that messages before this position are missing. The entry is on disk when this
+    /// returns.
     ///
     /// # Errors
     /// [`WriteError::Write`].
@@ -190,10 +192,10 @@ impl LogWriter {
         self.inner.write_metadata(&metadata).and_then(|()| self.inner.flush()).map_err(|e| self.failed(e))
     }
 
-    /// Size of the file so far, bytes; what waits for its chunk is not in it.
+    /// Size of the file so far, bytes, without the messages that wait for their chunk.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system.
     pub fn bytes(&self) -> std::io::Result<u64> {
         Ok(self.file.metadata()?.len())
     }
@@ -203,15 +205,15 @@ impl LogWriter {
         self.messages - self.flushed
     }
 
-    /// Another handle of the file, to sync it from another thread.
+    /// Another handle of the file, for syncing it from another thread.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system.
     pub fn file(&self) -> std::io::Result<File> {
         self.file.try_clone()
     }
 
-    /// Puts a file's text inside the log, for example the launch file. It is on disk when this returns.
+    /// Attaches a file inside the log, for example the launch file. It is on disk when this returns.
     ///
     /// # Errors
     /// [`WriteError::Write`].
@@ -226,7 +228,7 @@ impl LogWriter {
         self.inner.attach(&attachment).and_then(|()| self.inner.flush()).map_err(|e| self.failed(e))
     }
 
-    /// The channel for `M` under its own topic. Asking twice gives the same channel.
+    /// The channel for `M` under its own topic. A second call returns the same channel.
     ///
     /// # Errors
     /// [`WriteError::Write`].
@@ -265,7 +267,7 @@ impl LogWriter {
         };
         let header = MessageHeader {
             channel_id: channel.id,
-            // MCAP counts in 32 bits; the full number is in the message.
+            // MCAP has 32-bit sequence numbers; the full number is in the message.
             sequence: head.seq as u32,
             log_time,
             publish_time: log_time,
@@ -278,7 +280,7 @@ impl LogWriter {
         Ok(())
     }
 
-    /// A channel whose messages are encoded elsewhere. `schema`: its name, its encoding and itself.
+    /// A channel whose messages are encoded elsewhere. `schema`: its name, its encoding and its content.
     ///
     /// # Errors
     /// [`WriteError::Write`].
@@ -296,7 +298,8 @@ impl LogWriter {
         Ok(EncodedChannel { id, sequence: 0 })
     }
 
-    /// Adds an encoded message at a bench time, ns. It is made of others, and not counted among [`Self::messages`].
+    /// Adds an encoded message at a bench time, ns. It is derived from others, and not counted by
+    /// [`Self::messages`].
     ///
     /// # Errors
     /// [`WriteError::Write`].
@@ -312,7 +315,7 @@ impl LogWriter {
         self.inner.write_to_known_channel(&header, data).map_err(|e| self.failed(e))
     }
 
-    /// Messages of the bench that were added since the log was created.
+    /// Number of messages of the bench that were added since the log was created.
     pub fn messages(&self) -> u64 {
         self.messages
     }
@@ -335,7 +338,7 @@ impl LogWriter {
         Ok(true)
     }
 
-    /// Hands all messages to the operating system now: they survive this process, whatever happens to it.
+    /// Passes all messages to the operating system now, so that they survive an end of this process.
     ///
     /// # Errors
     /// [`WriteError::Write`].
@@ -356,7 +359,7 @@ impl LogWriter {
         Ok(written)
     }
 
-    /// Writes index and footer. The file is the caller's to sync, which may take the time that the disk needs.
+    /// Writes index and footer. The caller has to sync the file, which takes as long as the disk needs.
     ///
     /// # Errors
     /// [`WriteError::Write`].

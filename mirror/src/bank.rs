@@ -21,27 +21,27 @@ const TESTS: usize = 2 * MEANS.len() + SPREADS.len() + 1;
 /// that is no reason to be certain after one.
 const LARGEST_REPEAT: f64 = 12.0;
 
-/// What a sum stands for.
+/// Kind of change that a cumulative sum tests for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Change {
-    /// The mean has moved.
+    /// The mean has changed.
     Mean,
-    /// It scatters more.
+    /// The variance has increased.
     Spread,
-    /// The value repeats itself.
+    /// A value repeats itself.
     Repeat,
-    /// It has a tone.
+    /// A tone has appeared.
     Tone,
 }
 
 /// A test has passed its threshold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Alarm {
-    /// Which output.
+    /// Index of the output.
     pub output: usize,
-    /// Which change.
+    /// Kind of change.
     pub change: Change,
-    /// The step before which the sum was zero last: the most likely begin of the change.
+    /// First step after the sum was last zero: the most likely onset of the change.
     pub since: u64,
 }
 
@@ -52,7 +52,7 @@ struct Sum {
 }
 
 impl Sum {
-    /// Adds a log-likelihood ratio; whether it stands above the threshold.
+    /// Adds a log-likelihood ratio, and returns whether the sum exceeds the threshold.
     #[inline]
     fn add(&mut self, ratio: f64, threshold: f64, step: u64) -> bool {
         self.value += ratio;
@@ -69,15 +69,15 @@ pub struct Bank {
     sums: Vec<[Sum; TESTS]>,
     means: [f64; MEANS.len()],
     spread: f64,
-    /// Log-likelihood ratio of a value that repeats and of one that does not, per output.
+    /// Log-likelihood ratios per output for a repeated value and for a new one.
     repeats: Vec<(f64, f64)>,
     last: Vec<f64>,
     tones: Tones,
 }
 
 impl Bank {
-    /// `repeats`: the probability with which a value of each output repeats the one before when nothing is wrong. The whole
-    /// bank alarms once in `steps` on average.
+    /// `repeats`: for each output, the probability that a value repeats the one before without any change. The
+    /// whole bank alarms once in `steps` on average.
     pub fn new(repeats: &[f64], steps: f64) -> Self {
         let count = repeats.len();
         let each = steps * (count * (TESTS + Tones::TESTS)) as f64;
@@ -85,7 +85,8 @@ impl Bank {
             sums: vec![[Sum::default(); TESTS]; count],
             means: MEANS.map(|size| mean_threshold(size, each)),
             spread: variance_threshold(each),
-            // Half of the values against the share that repeats anyway.
+            // The alternative is that half of the values repeat, against the share that repeats without a
+            // change.
             repeats: repeats
                 .iter()
                 .map(|p| ((0.5 / p.max(1e-12)).ln().min(LARGEST_REPEAT), (0.5 / (1.0 - p.min(0.999))).ln()))
@@ -95,13 +96,14 @@ impl Bank {
         }
     }
 
-    /// Begins anew at a step.
+    /// Resets all tests at a step.
     pub fn restart(&mut self, step: u64) {
         self.sums.as_flattened_mut().fill(Sum { value: 0.0, since: step });
         self.tones.restart(step);
     }
 
-    /// Takes the whitened innovations and the values of a step; the alarm with the most beyond its threshold, if any.
+    /// Takes in the whitened innovations and the values of a step. Returns the alarm that exceeds its threshold
+    /// most, if any.
     pub fn step(&mut self, step: u64, whitened: &[f64], y: &[f64], fresh: u64) -> Option<Alarm> {
         let mut worst: Option<(f64, Alarm)> = None;
         for (output, sums) in self.sums.iter_mut().enumerate() {

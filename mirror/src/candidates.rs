@@ -1,6 +1,7 @@
-//! Every effect that can be the cause, with sizes to start from.
+//! The candidate causes: every effect that fits the vehicle, with initial sizes.
 //!
-//! Sizes follow from what the capture holds: an effect that changes nothing by then cannot be told from none.
+//! The sizes follow from the captured motion: an effect that changes nothing in it cannot be distinguished
+//! from no effect.
 
 use whirlstand_vehicle::{Effect, Kind, Matrix, Vehicle, builtin_names};
 
@@ -8,17 +9,17 @@ use crate::capture::Capture;
 use crate::known::Knowledge;
 use crate::replay::{Belief, REACH_S};
 
-/// A parameter that is estimated.
+/// An unknown parameter that is estimated.
 #[derive(Debug, Clone, Copy)]
 pub struct Open {
     pub name: &'static str,
     pub lower: f64,
     pub upper: f64,
-    /// A small change, for differences.
+    /// A small change of the value, for finite differences.
     pub small: f64,
 }
 
-/// An effect at a place, with values still open.
+/// An effect at a location, with unknown values.
 #[derive(Debug, Clone)]
 pub struct Candidate {
     pub kind: Kind,
@@ -27,22 +28,24 @@ pub struct Candidate {
     pub open: Vec<Open>,
     fixed: Vec<(&'static str, f64)>,
     pub starts: Vec<Vec<f64>>,
-    /// What it remembers of its input at its begin, which its motion depends on: an input, and the limits of that value.
+    /// The value of its input that the effect remembers at its onset and that its motion depends on: index of the
+    /// input, and the limits of that value.
     pub memory: Option<(usize, Open)>,
 }
 
 impl Candidate {
-    /// Whether the other is the same effect at the same place with other values open, as limits of one side and of both are.
+    /// Whether the other candidate is the same effect at the same location with other unknown values, such as
+    /// limits of one side and of both.
     pub fn is_same(&self, other: &Self) -> bool {
         self.kind == other.kind && self.place == other.place && self.text == other.text
     }
 
-    /// Whether what it does depends on where it began, for longer than the motion remembers.
+    /// Whether the result of the effect depends on its state at the onset for longer than the motion does.
     pub fn remembers(&self) -> bool {
         matches!(self.kind, Kind::Backlash | Kind::RateLimit)
     }
 
-    /// All that is estimated: the effect's own parameters first.
+    /// All estimated parameters, the effect's own first.
     pub fn parameters(&self) -> impl Iterator<Item = &Open> {
         self.open.iter().chain(self.memory.iter().map(|(_, open)| open))
     }
@@ -66,7 +69,7 @@ impl Candidate {
     }
 }
 
-/// How much everything moved.
+/// Sizes of the captured motion.
 struct Sizes {
     inputs: Vec<f64>,
     /// Least and greatest value of each input, and its fastest change, 1/s.
@@ -171,7 +174,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Both limits, or the one that the input reaches.
+    /// Adds both limits, or only the one that the input reaches.
     fn saturation(&mut self, name: &str, low: f64, high: f64) {
         let play = high - low;
         let at = |share: f64| low + share * play;
@@ -277,7 +280,7 @@ impl Builder<'_> {
     }
 }
 
-/// All candidates that fit the vehicle, for what moved between two steps.
+/// All candidates that fit the vehicle, with sizes from the motion between two steps.
 pub fn candidates(known: &Knowledge, capture: &Capture, from: u64, to: u64) -> Vec<Candidate> {
     let sizes = Sizes::of(capture, known, from, to);
     let mut builder = Builder { known, sizes, all: Vec::new() };

@@ -1,4 +1,4 @@
-//! What the last steps were, so that they can be replayed under another model.
+//! A buffer of the last steps, from which they can be replayed under another model.
 
 use crate::predictor::{Predictor, Sample};
 
@@ -9,15 +9,16 @@ pub struct Capture {
     fresh: Vec<u64>,
     capacity: usize,
     widths: [usize; 5],
-    /// First step kept, and the one after the last.
+    /// First kept step, and the step after the last one.
     first: u64,
     next: u64,
-    /// Steps from here on are not overwritten.
+    /// First step that must not be overwritten.
     held: Option<u64>,
 }
 
 impl Capture {
-    /// Room for `capacity` steps of `outputs`, `inputs`, `states` and `errors`.
+    /// A buffer for `capacity` steps, each with the given numbers of `outputs`, `inputs`, `states` and
+    /// `errors`.
     pub fn new(capacity: usize, outputs: usize, inputs: usize, states: usize, errors: usize) -> Self {
         let widths = [outputs, inputs, states, errors, outputs];
         Self {
@@ -31,22 +32,22 @@ impl Capture {
         }
     }
 
-    /// Forgets all; the next step is `step`.
+    /// Discards all steps; the next step is `step`.
     pub fn restart(&mut self, step: u64) {
         (self.first, self.next, self.held) = (step, step, None);
     }
 
-    /// Keeps what there is from `step` on, for as long as there is room behind it.
+    /// Protects the steps from `step` on against overwriting, as far as there is room.
     pub fn hold(&mut self, step: u64) {
         self.held = Some(step.max(self.first));
     }
 
-    /// Whether all room is taken by what is held.
+    /// Whether the protected steps fill the buffer.
     pub fn is_full(&self) -> bool {
         self.held.is_some_and(|from| self.next - from >= self.capacity as u64)
     }
 
-    /// Keeps a step and what was expected before it; false when there is no room.
+    /// Stores a step and the prediction before it; false when there is no room.
     pub fn push(&mut self, sample: &Sample<'_>, before: &Predictor) -> bool {
         if self.is_full() || sample.step != self.next {
             return false;
@@ -66,7 +67,7 @@ impl Capture {
         true
     }
 
-    /// Adds to the last step what its measurement had that was not expected.
+    /// Adds the whitened innovations to the last step.
     pub fn complete(&mut self, whitened: &[f64]) {
         let slot = ((self.next - 1) % self.capacity as u64) as usize;
         let width: usize = self.widths.iter().sum();
@@ -81,23 +82,23 @@ impl Capture {
         &self.rows[from..from + self.widths[part]]
     }
 
-    /// The measurement and the inputs of a step that is kept.
+    /// The measurement and the inputs of a stored step.
     pub fn sample(&self, step: u64) -> Sample<'_> {
         let fresh = self.fresh[(step % self.capacity as u64) as usize];
         Sample { step, y: self.part(step, 0), u: self.part(step, 1), fresh }
     }
 
-    /// The states that were expected at a step.
+    /// The predicted states at a step.
     pub fn state(&self, step: u64) -> &[f64] {
         self.part(step, 2)
     }
 
-    /// The other errors that were expected at a step.
+    /// The other predicted errors at a step.
     pub fn errors(&self, step: u64) -> &[f64] {
         self.part(step, 3)
     }
 
-    /// What was not expected at a step.
+    /// The whitened innovations of a step.
     pub fn whitened(&self, step: u64) -> &[f64] {
         self.part(step, 4)
     }

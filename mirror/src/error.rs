@@ -1,37 +1,37 @@
-//! What can stand in the way of a mirror.
+//! Errors of making a mirror.
 
 use thiserror::Error;
 use whirlstand_control::SampledPlantError;
 use whirlstand_vehicle::{DiscretiseError, SimulatorError};
 
-/// Why a vehicle cannot be mirrored.
+/// The reason why a vehicle cannot be mirrored.
 #[derive(Debug, Error)]
 pub enum MirrorError {
-    /// Its effects do not fit it, or it overflows in one period.
+    /// The effects do not fit the vehicle, or it overflows in one period.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),
     /// An unstable mode is too fast for the period.
     #[error(transparent)]
     Discretise(#[from] DiscretiseError),
-    /// It has no sampled model.
+    /// The vehicle has no sampled model.
     #[error(transparent)]
     Plant(#[from] SampledPlantError),
-    /// Its measurements do not show its states.
+    /// The states are not detectable from the measurements.
     #[error(
         "no filter with finite memory can estimate the states of {vehicle} from its measurements: {reason}"
     )]
     Unobservable {
         /// The vehicle's name.
         vehicle: String,
-        /// What the Riccati equation says.
+        /// The error of the Riccati equation.
         reason: String,
     },
-    /// It measures nothing, or more than a filter takes.
+    /// The vehicle measures no output, or more than a filter accepts.
     #[error("{vehicle} has {count} outputs; 1 to 64 can be monitored")]
     Outputs {
         /// The vehicle's name.
         vehicle: String,
-        /// How many.
+        /// Number of outputs.
         count: usize,
     },
 }

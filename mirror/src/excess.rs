@@ -1,4 +1,5 @@
-//! Changes that no simulation shows: more noise, a tone, a value that repeats. Their likelihood follows from the innovations.
+//! Changes that no simulation reproduces: more noise, a tone, a repeated value. Their likelihood follows from the
+//! innovations.
 
 use whirlstand_vehicle::{Effect, Kind};
 
@@ -9,13 +10,13 @@ use crate::known::Knowledge;
 use crate::predictor::Predictor;
 use crate::replay::{Belief, predictor};
 
-/// Share of values that repeat from which on it is asked what they did to the filter.
+/// Share of repeated values from which their effect on the filter is examined.
 const LEAST_SHARE: f64 = 0.2;
 
-/// Most samples that a tone is looked for in, the last ones.
+/// Most samples in which a tone is searched, the last ones.
 const TONE_SAMPLES: usize = 1024;
 
-/// A cause with its size and what it explains.
+/// A cause with its size and its evidence.
 #[derive(Debug, Clone)]
 pub struct Excess {
     pub effect: Effect,
@@ -51,7 +52,7 @@ pub fn all(known: &Knowledge, like: &Predictor, capture: &Capture, from: u64, to
     found
 }
 
-/// Whether nothing is left that the bank would alarm for once this is taken out of the innovations.
+/// Whether the bank has no alarm left once this change is removed from the innovations.
 pub fn explains(
     known: &Knowledge,
     capture: &Capture,
@@ -67,7 +68,7 @@ pub fn explains(
     let scale = 1.0 / (1.0 + (get("std") / sigma).powi(2)).sqrt();
     let turn = std::f64::consts::TAU * get("frequency_hz") * known.period_s;
     let repeats = effect.kind() == Kind::Dropouts;
-    // A tone is known where it was fitted.
+    // A tone is known only in the range where it was fitted.
     let from = if effect.kind() == Kind::Vibration {
         from.max(to.saturating_sub(TONE_SAMPLES as u64))
     } else {
@@ -87,7 +88,7 @@ pub fn explains(
             }
             _ => 0.0,
         };
-        // What the predictor made of values that repeat is in the other outputs as well.
+        // The prediction errors from repeated values also appear in the other outputs.
         let fresh = if repeats { 0 } else { sample.fresh };
         if repeats {
             rest.fill(0.0);
@@ -96,7 +97,7 @@ pub fn explains(
     })
 }
 
-/// Noise beside what is declared: the variance has grown.
+/// Additional noise beyond the declared one: the variance has increased.
 fn noise(place: &str, series: &[(u64, f64)], sigma: f64) -> Option<Excess> {
     let count = series.len() as f64;
     let variance = series.iter().map(|(_, e)| e * e).sum::<f64>() / count;
@@ -104,7 +105,7 @@ fn noise(place: &str, series: &[(u64, f64)], sigma: f64) -> Option<Excess> {
         return None;
     }
     let std = sigma * (variance - 1.0).sqrt();
-    // The variance is known to a share of sqrt(2 / n) of itself.
+    // The relative standard deviation of the variance is sqrt(2 / n).
     let spread = sigma * variance * (2.0 / count).sqrt() / (2.0 * (variance - 1.0).sqrt());
     Some(Excess {
         effect: Effect::new(Kind::Noise, place, &[("std", std)]).ok()?,
@@ -133,7 +134,7 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
         (a, b)
     };
     let spacing = (last[count - 1].0 - last[0].0) as f64 / (count - 1) as f64;
-    // Half a line apart; below three periods in the window a tone is a drift.
+    // Frequencies half a line apart; a tone with fewer than three periods in the window is a drift.
     for k in 6..count {
         let w = std::f64::consts::PI * k as f64 / count as f64;
         let (a, b) = power(w);
@@ -141,7 +142,7 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
             (best, at) = (a * a + b * b, (w, a, b));
         }
     }
-    // Between the lines: the power is a parabola near its top.
+    // Between the lines, the power is a parabola near its maximum.
     let (mut w, mut width) = (at.0, std::f64::consts::FRAC_PI_4 / count as f64);
     for _ in 0..12 {
         for candidate in [w - width, w + width] {
@@ -155,7 +156,7 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
     let n = count as f64;
     let amplitude = 2.0 * best.sqrt() / n;
     let frequency_hz = at.0 / (std::f64::consts::TAU * period_s * spacing);
-    // sum (a sin + b cos): the phase at the first sample, carried back to the start of the flight.
+    // sum (a sin + b cos): the phase at the first sample, extrapolated to the start of the flight.
     let there = at.2.atan2(at.1);
     let phase = there - std::f64::consts::TAU * frequency_hz * period_s * last[0].0 as f64;
     let phase = phase.rem_euclid(std::f64::consts::TAU);
@@ -175,7 +176,7 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
     })
 }
 
-/// Values that repeat the one before.
+/// Values that repeat the preceding one.
 fn repeats(
     known: &Knowledge,
     like: &Predictor,
@@ -219,8 +220,8 @@ fn dropouts(known: &Knowledge, output: usize, share: f64) -> Option<Effect> {
     Effect::new(Kind::Dropouts, &known.vehicle.outputs[output].name, &[("fraction", share)]).ok()
 }
 
-/// What it explains to take a value that repeats the one before for no measurement: of its own innovations, and of those of
-/// all other outputs, to which it leads the filter. A log-likelihood ratio.
+/// The evidence for ignoring repeated values as measurements, as a log-likelihood ratio: from the innovations of
+/// this output, and from those of all other outputs, which the filter distorts when it uses repeated values.
 fn not_measured(
     known: &Knowledge,
     like: &Predictor,
@@ -247,8 +248,9 @@ fn not_measured(
     0.5 * sum
 }
 
-/// The probability with which a value of each output repeats the one before when nothing is wrong: two rounded values whose
-/// noise differs fall on the same step with q / (2 sigma sqrt(pi)). A sensor without noise may stand still at any time.
+/// Probability, for each output, that a value repeats the one before without any change: two rounded values with
+/// different noise fall on the same step with probability q / (2 sigma sqrt(pi)). A sensor without noise may stand
+/// still at any time.
 pub fn anyway(known: &Knowledge) -> Vec<f64> {
     let vehicle = &known.vehicle;
     let of = |o: &whirlstand_vehicle::Output| {

@@ -1,23 +1,23 @@
-//! What the mirror says.
+//! Findings of the mirror.
 
 use whirlstand_vehicle::{Effect, Kind};
 
-/// How far a finding has come.
+/// Stage of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// Prediction has become wrong; nothing is known of the cause.
+    /// Prediction has become wrong; the cause is unknown.
     Wrong,
-    /// This is the cause, as far as the data go.
+    /// The cause is named, as far as the data allow.
     Named,
-    /// Another size, or another cause than was said before.
+    /// The size or the cause differs from the one named before.
     Revised,
-    /// What was said does not hold; prediction is still wrong.
+    /// The named cause does not hold; prediction is still wrong.
     Withdrawn,
     /// Prediction is right again.
     Over,
 }
 
-/// A parameter with its interval.
+/// A parameter with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Value {
     /// Name in the table of effects.
@@ -26,37 +26,37 @@ pub struct Value {
     pub value: f64,
     /// Lower end of the interval that holds it with 95 %.
     pub low: f64,
-    /// Upper end.
+    /// Upper end of that interval.
     pub high: f64,
 }
 
-/// A cause.
+/// A named cause.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cause {
     /// The effect, as it can be written into a vehicle file.
     pub effect: Effect,
-    /// Its parameters that were estimated.
+    /// The estimated parameters.
     pub values: Vec<Value>,
-    /// Its probability among all that was tried.
+    /// Posterior probability of the cause among all candidates.
     pub probability: f64,
-    /// What the data cannot tell from it.
+    /// Kinds and locations of the effects that the data cannot distinguish from it.
     pub indistinguishable: Vec<(Kind, String)>,
 }
 
-/// What the mirror says at a step.
+/// A finding of the mirror at a step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
-    /// Counts the changes that were seen, from 1; all that is said of one has its number.
+    /// Number of the detected change, from 1; all findings on one change have the same number.
     pub number: u64,
-    /// How far it has come.
+    /// Stage of the finding.
     pub stage: Stage,
-    /// The step at which it is said.
+    /// Step of the finding.
     pub step: u64,
-    /// The step from which on the vehicle is another, as far as is known.
+    /// Estimated step of the onset.
     pub since: u64,
     /// The output whose prediction became wrong first.
     pub output: usize,
-    /// Log-likelihood ratio of what is said against no change.
+    /// Log-likelihood ratio of the finding against no change.
     pub evidence: f64,
     /// The cause, once it is named.
     pub cause: Option<Cause>,

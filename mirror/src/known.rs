@@ -1,13 +1,13 @@
-//! What is known of the vehicle, as the model of a Kalman filter for the errors of its simulation.
+//! The known model of the vehicle, and the Kalman filter model for the errors of its simulation.
 //!
-//! The simulation itself follows everything that the vehicle file declares, linear or not. What is left are the errors of
-//! its states, of what turbulence does, of sensors with lag and delay, and of tones whose phase nobody knows; they obey the
-//! linear model.
+//! The simulation itself follows everything that the vehicle file declares, linear or not. There remain the errors
+//! of its states, of turbulence, of sensors with lag and delay, and of tones of unknown phase; these errors obey
+//! the linear model.
 //!
-//! A filter without process noise would never forget. The one here has as little as makes it forget like a mean over
-//! [`Knowledge::memory_s`]: then the innovations of a vehicle that obeys its file have at no frequency more power than the
-//! white noise that the tests take them for, since noise that is assumed and not there is missing from their spectrum. So
-//! thresholds err on the safe side.
+//! A filter without process noise would never forget. This filter has just enough to forget like a mean over
+//! [`Knowledge::memory_s`]. The innovations of a vehicle that obeys its file then have at no frequency more power
+//! than the white noise that the tests assume, since noise that is assumed but absent is missing from their
+//! spectrum. So thresholds are conservative.
 
 use nalgebra::DMatrix;
 use whirlstand_control::kalman::FilterModel;
@@ -17,29 +17,32 @@ use whirlstand_vehicle::{Effect, Engine, Kind, LinearModel, Vehicle};
 
 use crate::error::MirrorError;
 
-/// Noise that is assumed of a sensor that declares none, SI units: as small as the filter of the loop assumes it.
+/// Noise that is assumed for a sensor that declares none, SI units: as small as the filter of the loop assumes
+/// it.
 const LEAST_NOISE: f64 = 1e-6;
 
-/// Memory in time constants of the slowest pole that decays, and its limits, s. Ten time constants hold all that an effect
-/// does to the motion; the limits keep the memory and the start bounded for vehicles that only integrate.
+/// Memory in time constants of the slowest decaying pole, and its limits, s. Ten time constants contain the whole
+/// response of the motion to an effect; the limits bound the memory and the start for vehicles that only
+/// integrate.
 const MEMORY: f64 = 10.0;
 const MEMORY_S: (f64, f64) = (5.0, 30.0);
 
-/// A pole slower than this integrates, 1/s.
+/// Decay rate below which a pole counts as an integrator, 1/s.
 const INTEGRATES: f64 = 0.02;
 
-/// What is known before the flight.
+/// Knowledge of the vehicle before the flight.
 #[derive(Debug, Clone)]
 pub struct Knowledge {
-    /// The vehicle with all that is declared of it.
+    /// The vehicle with all declared effects.
     pub vehicle: Vehicle,
     /// Period of the loop, s.
     pub period_s: f64,
     /// State of the engine at the start, which sets the amplitude of declared vibrations.
     pub engine: Engine,
-    /// Whether the phases of declared vibrations are those of the file, as in a simulation; a real engine keeps to none.
+    /// Whether the phases of declared vibrations are those of the file, as in a simulation; a real engine keeps no
+    /// phase.
     pub phases: bool,
-    /// Over how much time the filter remembers, s.
+    /// Memory of the filter, s.
     pub memory_s: f64,
     /// Time constant of the fastest pole, s.
     pub fastest_s: f64,
@@ -50,7 +53,7 @@ pub struct Knowledge {
 }
 
 impl Knowledge {
-    /// `vehicle` with all that is declared of it, disturbances included.
+    /// Knowledge of `vehicle` with all its declared effects, disturbances included.
     ///
     /// # Errors
     /// [`MirrorError`] for a vehicle that has no sampled model.
@@ -81,15 +84,15 @@ impl Knowledge {
         })
     }
 
-    /// Samples within the memory.
+    /// Number of samples within the memory.
     pub fn samples(&self) -> f64 {
         self.memory_s / self.period_s
     }
 
-    /// The filter's model, and the standard deviations from which it starts. The vehicle's own states come first.
+    /// The filter's model, and the initial standard deviations. The vehicle's own states come first.
     ///
     /// # Errors
-    /// [`MirrorError`] when the measurements do not show the states.
+    /// [`MirrorError`] when the states are not detectable from the measurements.
     pub(crate) fn filter(&self) -> Result<(FilterModel, Vec<f64>), MirrorError> {
         let linear = self.with_turbulence(LinearModel::new(&self.vehicle)?);
         let sampled = SampledModel::new(&linear, self.period_s)?;
@@ -113,7 +116,8 @@ impl Knowledge {
             }
             h.set_column(i, &sampled.h.column(a));
         }
-        // Everything starts as uncertain as ten times what it usually is; turbulence is as large as it is.
+        // The initial uncertainty of each state is ten times its usual size; that of turbulence is its own
+        // size.
         let largest = self.scales.iter().copied().fold(0.0, f64::max);
         let mut initial: Vec<f64> = self.scales.iter().map(|s| 10.0 * s).collect();
         initial.resize(linear.own, 0.0);
@@ -127,7 +131,7 @@ impl Knowledge {
             f.view_mut((at, at), (2, 2)).copy_from_slice(&[cosine, -sine, sine, cosine]);
             h[(output, at)] = 1.0;
             for i in at..at + 2 {
-                // It forgets as the states do.
+                // This error is forgotten at the same rate as the states.
                 q[(i, i)] = (self.noise[output] / self.samples()).powi(2);
                 initial.push(30.0 * self.noise[output]);
             }
@@ -137,7 +141,7 @@ impl Knowledge {
         Ok((FilterModel { f, g, h, d, q, variance }, initial))
     }
 
-    /// Turbulence as what it is, first-order shaped noise, with states of its own behind those of the vehicle.
+    /// Adds turbulence as first-order shaped noise, with states after those of the vehicle.
     fn with_turbulence(&self, linear: LinearModel) -> LinearModel {
         let own = linear.own;
         let gusts: Vec<_> = turbulence(&self.vehicle).collect();
@@ -162,7 +166,7 @@ impl Knowledge {
         }
     }
 
-    /// Tones whose phase is not known: output and frequency in Hz.
+    /// Tones of unknown phase: output and frequency in Hz.
     fn tones(&self, linear: &LinearModel) -> Vec<(usize, f64)> {
         if self.phases {
             return Vec::new();
@@ -177,8 +181,8 @@ impl Knowledge {
         linear.tones.iter().copied().chain(harmonics).filter(|(_, f)| *f < half).collect()
     }
 
-    /// Density of the noise on each own state: the most with which predictions are no worse than those from a mean over the
-    /// memory, n parameters from so many samples.
+    /// Density of the process noise on each of the vehicle's own states: the largest with which predictions are no
+    /// worse than those from a mean over the memory, with n parameters from so many samples.
     fn process_noise(&self) -> Result<Vec<f64>, MirrorError> {
         let plain = Vehicle { effects: Vec::new(), ..self.vehicle.clone() };
         let linear = LinearModel::new(&plain)?;

@@ -1,4 +1,4 @@
-//! The mirror: predicts, tests, and asks why.
+//! The mirror: prediction, tests, and the search for the cause.
 
 use whirlstand_vehicle::{Effect, Engine, Vehicle};
 
@@ -16,22 +16,23 @@ use crate::verdict::Answer;
 /// Mean time between false alarms, s: a hundred hours, so that ten hours of clean flight have none nine times out of ten.
 const BETWEEN_FALSE_ALARMS_S: f64 = 360_000.0;
 
-/// What is kept before and after a change, s.
+/// Time that is kept before and after a change, s.
 const KEPT_S: f64 = 10.0;
 const LOOKED_AT_S: f64 = 20.0;
 
 /// Most steps that are kept, so that memory is bounded at any rate.
 const MOST_KEPT: usize = 60_000;
 
-/// Time from the first measurement on over which the filter finds its states and nothing is tested, in time constants of the
+/// Settling time of the filter from the first measurement on, in which nothing is tested, in time constants of the
 /// fastest pole.
 const SETTLING: f64 = 3.0;
 
-/// Data that a search is begun with, s, and by which share it grows until the next.
+/// Length of the data with which a search begins, s, and the factor by which it grows for the next search.
 const FIRST_LOOK_S: f64 = 0.5;
 const GROWTH: f64 = 0.3;
 
-/// A change is over when no test has alarmed for so many times as long as the first took, and so many seconds more.
+/// A change has ended when no test has alarmed for this multiple of the time of the first detection, plus this
+/// number of seconds.
 const SILENCE: (f64, f64) = (3.0, 3.0);
 
 /// Options of a mirror.
@@ -41,25 +42,26 @@ pub struct Options {
     pub engine: Engine,
     /// Whether declared vibrations have the phases of the file, as in a simulation.
     pub phases: bool,
-    /// Predictions that may be made in a step to find a cause.
+    /// Most predictions per step for the search for a cause.
     pub budget: usize,
 }
 
 impl Options {
-    /// For a loop of this period: an eighth of a core, where a prediction takes about 0.35 us.
+    /// Options for a loop of this period: the search takes an eighth of a core, where a prediction takes
+    /// about 0.35 us.
     pub fn new(engine: Engine, phases: bool, period_s: f64) -> Self {
         Self { engine, phases, budget: (0.125 * period_s / 0.35e-6) as usize + 1 }
     }
 }
 
-/// A size is said anew when its interval is so many times as narrow as that which was said: ten times the data.
+/// Factor by which an interval must have narrowed before a size is reported again: ten times the data.
 const SHARPER: f64 = 3.0;
 
-/// A change that was seen.
+/// A detected change.
 struct Open {
     number: u64,
     output: usize,
-    /// What the alarm said, and when.
+    /// Onset and time of the alarm.
     since: u64,
     alarmed: u64,
     last_alarm: u64,
@@ -68,7 +70,7 @@ struct Open {
     said: Option<Cause>,
 }
 
-/// Watches a vehicle step by step.
+/// Monitors a vehicle step by step.
 pub struct Mirror {
     known: Knowledge,
     predictor: Predictor,
@@ -86,10 +88,10 @@ pub struct Mirror {
 }
 
 impl Mirror {
-    /// A mirror of `vehicle`, which has all that is declared of the flight among its effects.
+    /// A mirror of `vehicle`, whose effects include everything declared of the flight.
     ///
     /// # Errors
-    /// [`MirrorError`] for a vehicle whose states its measurements do not show.
+    /// [`MirrorError`] for a vehicle whose states are not detectable from its measurements.
     pub fn new(vehicle: &Vehicle, period_s: f64, options: &Options) -> Result<Self, MirrorError> {
         let known = Knowledge::new(vehicle, period_s, options.engine, options.phases)?;
         let predictor = Predictor::new(&known)?;
@@ -111,7 +113,7 @@ impl Mirror {
         })
     }
 
-    /// The vehicle that it holds the flight against.
+    /// The vehicle model with which the flight is compared.
     pub fn vehicle(&self) -> &Vehicle {
         &self.known.vehicle
     }
@@ -121,13 +123,13 @@ impl Mirror {
         self.predictor.whitened()
     }
 
-    /// Begins anew: the vehicle was started again, or what acted on it is not known for a time.
+    /// Restarts the mirror, because the vehicle was restarted or its inputs were unknown for a time.
     pub fn restart(&mut self) {
         self.predictor = self.new.clone();
         self.settled = None;
     }
 
-    /// The engine was switched, so that declared vibrations are others.
+    /// Sets the engine state, on which declared vibrations depend.
     pub fn set_engine(&mut self, engine: Engine) {
         self.known.engine = engine;
         if self.known.phases {
@@ -136,7 +138,8 @@ impl Mirror {
         }
     }
 
-    /// Takes a step; what there is to say of it, if anything. Steps follow one another; after a gap it begins anew.
+    /// Takes in a step, and returns a finding if there is a new one. Steps must be consecutive; after a gap the
+    /// mirror restarts.
     pub fn observe(&mut self, sample: &Sample<'_>) -> Option<Finding> {
         let begins = self.settled.is_none() || sample.step != self.next;
         if begins {
@@ -162,8 +165,8 @@ impl Mirror {
         self.pursue(sample.step)
     }
 
-    /// What an effect that began at a step would explain until each step since then: its log-likelihood ratio. `None` when
-    /// the vehicle cannot have it, or that step is not kept any more.
+    /// Log-likelihood ratio of an effect with onset at `since`, for each step since then. `None` when the vehicle
+    /// cannot have the effect, or the step is no longer stored.
     pub fn evidence_of(&self, effect: &Effect, since: u64) -> Option<Vec<f64>> {
         let kept = self.capture.first()..self.capture.next();
         let effect = kept.contains(&since).then_some(effect)?.clone();
@@ -189,7 +192,7 @@ impl Mirror {
         self.bank.restart(step);
         self.capture.restart(step);
         if let Some(open) = &mut self.open {
-            // What was captured is gone; whether the change still holds will be seen.
+            // The captured steps are lost; later steps show whether the change persists.
             open.search = None;
             (open.alarmed, open.since, open.last_alarm) = (step, step, step);
             open.next_look = step + (FIRST_LOOK_S / self.known.period_s) as u64;
@@ -217,7 +220,7 @@ impl Mirror {
         Finding { number: self.changes, stage: Stage::Wrong, step, since, output, evidence: 0.0, cause: None }
     }
 
-    /// Looks for the cause of what changed, and whether it is over.
+    /// Continues the search for the cause of a change, and checks whether the change has ended.
     fn pursue(&mut self, step: u64) -> Option<Finding> {
         let open = self.open.as_mut()?;
         let took = open.alarmed - open.since;
@@ -284,7 +287,8 @@ impl Mirror {
     }
 }
 
-/// Whether nothing that was said has to be said anew: the same effect at the same place, each value within the interval.
+/// Whether a cause needs no new report: the same effect at the same location, with each value within the previous
+/// interval.
 fn is_same(before: &Cause, now: &Cause) -> bool {
     before.effect.kind() == now.effect.kind()
         && before.effect.place() == now.effect.place()

@@ -6,14 +6,14 @@ use whirlstand_vehicle::Simulator;
 use crate::error::MirrorError;
 use crate::known::Knowledge;
 
-/// What is measured at a step.
+/// The measurement of a step.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample<'a> {
-    /// The step.
+    /// Number of the step.
     pub step: u64,
     /// Outputs in the vehicle's order, SI.
     pub y: &'a [f64],
-    /// Bit i: output i is fresh.
+    /// Bit i is set when output i is fresh.
     pub fresh: u64,
     /// Inputs that act from this step on, within the vehicle's limits, SI.
     pub u: &'a [f64],
@@ -24,15 +24,15 @@ pub struct Sample<'a> {
 pub struct Predictor {
     simulator: Simulator,
     filter: KalmanFilter,
-    /// What is left of a measurement.
+    /// Residual of a measurement.
     residual: Vec<f64>,
-    /// The filter's state.
+    /// State of the filter.
     errors: Vec<f64>,
     states: usize,
 }
 
 impl Predictor {
-    /// Before the first measurement.
+    /// A predictor before the first measurement.
     ///
     /// # Errors
     /// [`MirrorError`].
@@ -49,7 +49,7 @@ impl Predictor {
         })
     }
 
-    /// The same filter, as far as it has come, around another simulation, from the errors that were expected then.
+    /// A copy of the filter in its present state, with another simulation and the errors predicted at that time.
     pub(crate) fn around(&self, simulator: Simulator, errors: &[f64]) -> Self {
         let mut other = Self { simulator, ..self.clone() };
         other.errors.copy_from_slice(errors);
@@ -57,7 +57,7 @@ impl Predictor {
         other
     }
 
-    /// One step: [`Self::whitened`] is then what the measurement had that was not expected.
+    /// Advances one step; [`Self::whitened`] then holds the innovations of the measurement.
     pub fn step(&mut self, sample: &Sample<'_>) {
         self.simulator.apply(sample.u);
         let expected = self.simulator.measure();
@@ -77,12 +77,12 @@ impl Predictor {
         self.filter.whitened()
     }
 
-    /// States that are expected at the next step, SI.
+    /// Predicted states at the next step, SI.
     pub fn state(&self) -> &[f64] {
         self.simulator.state()
     }
 
-    /// Errors that are expected at the next step beside those of the states.
+    /// Predicted errors at the next step other than those of the states.
     pub(crate) fn errors(&self) -> &[f64] {
         &self.errors
     }

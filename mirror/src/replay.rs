@@ -14,10 +14,10 @@ use crate::capture::Capture;
 use crate::known::Knowledge;
 use crate::predictor::Predictor;
 
-/// How far back a delay or lag reaches, s: the longest that is looked for.
+/// Longest reach back of a delay or lag, s: the longest one that is searched for.
 pub const REACH_S: f64 = 0.5;
 
-/// The effect, from a step on.
+/// The effect with its onset at a step.
 pub fn from_step(effect: &Effect, step: u64, period_s: f64) -> Option<Effect> {
     let at_s = step as f64 * period_s;
     match effect.kind() {
@@ -27,7 +27,7 @@ pub fn from_step(effect: &Effect, step: u64, period_s: f64) -> Option<Effect> {
             Some(moved)
         }
         Kind::ModeTransition => Effect::mode_transition(at_s, effect.text()?).ok(),
-        // The middle of a rounding error before the step, so that it acts at the step itself.
+        // The onset is slightly before the step, within rounding, so that the effect acts at the step itself.
         _ => {
             let from_s = Some((at_s - 1e-9 * period_s).max(0.0));
             effect.clone().during(Window { from_s, until_s: None }).ok()
@@ -35,17 +35,17 @@ pub fn from_step(effect: &Effect, step: u64, period_s: f64) -> Option<Effect> {
     }
 }
 
-/// What is taken to have happened.
+/// A hypothesis: an effect with its onset.
 #[derive(Debug, Clone)]
 pub struct Belief {
     pub effect: Effect,
-    /// The step from which on it acts.
+    /// Step of the onset.
     pub since: u64,
-    /// What it remembered of its input then, the input itself if not given.
+    /// Value of its input that the effect remembers at the onset; `None` for the input itself.
     pub stood: Option<f64>,
 }
 
-/// A predictor that stands at the step from which on an effect acts, and believes in it. `None` when the vehicle cannot have it.
+/// A predictor at the onset of the effect that includes the effect. `None` when the vehicle cannot have it.
 pub fn predictor(
     known: &Knowledge,
     like: &Predictor,
@@ -78,7 +78,7 @@ pub fn predictor(
     Some(like.around(simulator, capture.errors(since)))
 }
 
-/// By how much log-likelihood two beliefs can be told apart by what was measured until `end`.
+/// Log-likelihood by which two hypotheses can be distinguished from the measurements until `end`.
 pub fn distance(
     known: &Knowledge,
     like: &Predictor,
@@ -92,7 +92,7 @@ pub fn distance(
     let mut sum = 0.0;
     for step in from.min(other_from)..end {
         let sample = capture.sample(step);
-        // Before its begin each predicts as if nothing had changed.
+        // Before its onset each hypothesis predicts without a change.
         let plain = capture.whitened(step);
         for (p, since) in [(&mut a, from), (&mut b, other_from)] {
             if step >= since {
@@ -105,27 +105,27 @@ pub fn distance(
     Some(0.5 * sum)
 }
 
-/// One look at an effect with certain parameters, and how the innovations change with each of them.
+/// Evaluation of an effect at given parameters, with the derivatives of the innovations with respect to each.
 pub struct Trial {
-    /// Where the parameters stand, and one further predictor with each of them moved.
+    /// A predictor at the parameters, and one more for each parameter with that parameter changed.
     predictors: Vec<Predictor>,
     moves: Vec<f64>,
     step: u64,
     end: u64,
-    /// Sums over all innovations: without the effect, with it, and with it by its parameters.
+    /// Sums over all innovations: without the effect, with it, and its derivatives.
     base: f64,
     with: f64,
     slope: DVector<f64>,
     curvature: DMatrix<f64>,
     samples: u64,
-    /// Looks whether anything is left.
+    /// Checks whether the effect leaves an unexplained change.
     check: Option<Bank>,
-    /// Whether something is.
+    /// Whether a change remains unexplained.
     pub unexplained: bool,
 }
 
 impl Trial {
-    /// `predictors`: at the parameters, then with each of them moved by its entry of `moves`.
+    /// `predictors`: one at the parameters, then one for each parameter, changed by its entry of `moves`.
     pub fn new(
         predictors: Vec<Predictor>,
         moves: Vec<f64>,
@@ -149,12 +149,12 @@ impl Trial {
         }
     }
 
-    /// What a step of it costs, in predictions.
+    /// Cost of a step, in predictions.
     pub fn cost(&self) -> usize {
         self.predictors.len()
     }
 
-    /// Goes on by at most so many steps; whether it has come to its end.
+    /// Advances by at most `steps` steps. Returns whether the end was reached.
     pub fn go_on(&mut self, capture: &Capture, steps: usize) -> bool {
         let until = self.end.min(self.step + steps as u64);
         let mut slopes = [[0.0; 64]; 3];
@@ -194,13 +194,13 @@ impl Trial {
         if evidence.is_finite() { evidence } else { f64::NEG_INFINITY }
     }
 
-    /// Measurements used.
+    /// Number of measurements used.
     pub fn samples(&self) -> u64 {
         self.samples
     }
 
-    /// The step of Gauss and Newton from here, and what it is expected to add to the evidence. A parameter of which nothing shows
-    /// yet, such as a limit that is not reached, stays where it is, so that the others are found.
+    /// The Gauss-Newton step from the present parameters, and its expected gain in evidence. A parameter without
+    /// any influence yet, such as a limit that is not reached, is left unchanged, so that the others are found.
     pub fn newton(&self) -> Option<(DVector<f64>, f64)> {
         let (mut curvature, mut slope) = (self.curvature.clone(), self.slope.clone());
         for k in self.unseen() {
@@ -212,7 +212,7 @@ impl Trial {
         step.iter().all(|v| v.is_finite()).then_some((step, gain))
     }
 
-    /// Standard deviations of the parameters; infinite where nothing shows.
+    /// Standard deviations of the parameters; infinite for a parameter without influence.
     pub fn spread(&self) -> Option<Vec<f64>> {
         let mut curvature = self.curvature.clone();
         self.unseen().for_each(|k| curvature[(k, k)] = 1.0);
@@ -222,7 +222,7 @@ impl Trial {
         Some(spread)
     }
 
-    /// Parameters that change no prediction: their rows are zero.
+    /// Indices of the parameters that change no prediction: their rows are zero.
     fn unseen(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.moves.len()).filter(|k| self.curvature[(*k, *k)] == 0.0)
     }

@@ -1,7 +1,7 @@
-//! Thresholds from how long a test runs on average until it alarms although nothing has changed.
+//! Thresholds of the tests from the average run length until a false alarm.
 
-/// What a Gaussian random walk passes a boundary by on average, in standard deviations (Siegmund, "Sequential Analysis",
-/// 1985, chapter 10).
+/// Mean overshoot of a Gaussian random walk over a boundary, in standard deviations (Siegmund, "Sequential
+/// Analysis", 1985, chapter 10).
 const OVERSHOOT: f64 = 0.583;
 
 /// Threshold of the cumulative sum of log-likelihood ratios for a mean of `size` standard deviations, so that it alarms once
@@ -28,7 +28,8 @@ mod tests {
     use super::*;
     use whirlstand_vehicle::Stream;
 
-    /// Steps until a cumulative sum of Gaussian log-likelihood ratios alarms, on average of `runs`.
+    /// Average number of steps until a cumulative sum of Gaussian log-likelihood ratios alarms, over `runs`
+    /// runs.
     fn average(size: f64, threshold: f64, runs: usize) -> f64 {
         let mut stream = Stream::new(1, "run length");
         let mut steps = 0u64;

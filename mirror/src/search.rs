@@ -1,9 +1,11 @@
-//! Which effect it is: the generalised likelihood ratio over effects, sizes and begins, a little of it at every step.
+//! The search for the cause: the generalised likelihood ratio over effects, sizes and onsets, a part of it at
+//! every step.
 //!
-//! Every candidate is replayed from the most likely begin with the sizes it starts from, and moved by Gauss and Newton's steps;
-//! the likeliest also by their begin. What remains are log-likelihood ratios on the same data, each less half the logarithm of
-//! the number of data for every parameter (Schwarz 1978). As probabilities with equal weights before, the likeliest is named
-//! once everything else together has less than what may be wrong (Baum and Veeravalli 1994).
+//! Every candidate is replayed from the most likely onset with its initial sizes, which are improved by
+//! Gauss-Newton steps; for the likeliest candidates the onset is varied too. The result are log-likelihood ratios
+//! on the same data, each reduced by half the logarithm of the number of data for every parameter (Schwarz 1978).
+//! They give probabilities with equal prior weights. The likeliest candidate is named once the probability of all
+//! others together is below the permitted error (Baum and Veeravalli 1994).
 
 use std::collections::VecDeque;
 
@@ -16,11 +18,12 @@ use crate::predictor::Predictor;
 use crate::replay::{REACH_S, Trial, predictor};
 use crate::verdict::{Answer, Fit, LIKELIEST, Standing, ranking};
 
-/// Candidates whose begin is searched as well: those that may still overtake the best by it, and how many at most.
+/// Candidates whose onset is searched as well: those whose distance in score to the best is less than the greater
+/// of this log-likelihood and this share of the best score.
 const NEAR: (f64, f64) = (15.0, 0.2);
 const MOST_NEAR: usize = 16;
 
-/// Steps of Gauss and Newton, halved ones among them.
+/// Most Gauss-Newton steps, including halved ones.
 const STEPS: u8 = 5;
 
 /// Log-likelihood by which a candidate lies behind the best so that it is not looked at again in this change: more data
@@ -44,27 +47,27 @@ const BUILDING: usize = 300;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Purpose {
-    /// Which start and begin to go on from: the grid, without a step away from it.
+    /// Evaluates the grid of initial sizes and onsets, without a Gauss-Newton step.
     Scan,
-    /// Any begin and size.
+    /// Searches any onset and size.
     Look,
-    /// Another begin.
+    /// Tries another onset.
     Shift,
-    /// The last word of this search.
+    /// Makes the final evaluation of this search.
     Conclude,
 }
 
 struct Job {
     candidate: usize,
     values: Vec<f64>,
-    /// Where a step of Gauss and Newton came from.
+    /// Parameters from which a Gauss-Newton step started.
     from: Option<Vec<f64>>,
     since: u64,
     left: u8,
     purpose: Purpose,
 }
 
-/// A search that goes on from step to step.
+/// A search that continues from step to step.
 pub struct Search {
     candidates: Vec<Candidate>,
     fits: Vec<Option<Fit>>,
@@ -74,13 +77,13 @@ pub struct Search {
     jobs: VecDeque<Job>,
     running: Option<(Job, Trial)>,
     purpose: Purpose,
-    /// The shift of the begin that is tried, steps.
+    /// Shift of the onset that is being tried, steps.
     shift: u64,
     since: u64,
     end: u64,
     steps: f64,
     repeats: Vec<f64>,
-    /// The begin has been looked at more finely.
+    /// Whether the onset has been searched on a finer grid.
     fine: bool,
 }
 
@@ -110,7 +113,7 @@ impl Search {
         search
     }
 
-    /// The same search with the data until `end`.
+    /// Restarts the search with the data until `end`.
     pub fn again(&mut self, known: &Knowledge, capture: &Capture, end: u64) {
         let from = self.since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
         let fresh = candidates(known, capture, from, end);
@@ -133,7 +136,7 @@ impl Search {
         self.scan(known.period_s, capture);
     }
 
-    /// The last step that it looks at, and one more.
+    /// The step after the last one of the data.
     pub fn end(&self) -> u64 {
         self.end
     }
@@ -171,7 +174,7 @@ impl Search {
         }
     }
 
-    /// Goes on from what was found before, and from the best points of the grid.
+    /// Continues from the previous results, and from the best points of the grid.
     fn look(&mut self) {
         self.purpose = Purpose::Look;
         for index in (0..self.candidates.len()).filter(|i| !self.hopeless[*i]) {
@@ -209,7 +212,8 @@ impl Search {
         points.truncate(if open { all } else { POINTS });
     }
 
-    /// Goes on by about so many predictions; the answer when it has come to its end.
+    /// Continues the search by about the given number of predictions. Returns the answer when it has
+    /// finished.
     pub fn work(
         &mut self,
         known: &Knowledge,
@@ -257,7 +261,7 @@ impl Search {
         }
         for (k, open) in candidate.parameters().enumerate() {
             let mut values = job.values.clone();
-            // Inwards where the bound is near.
+            // The difference is taken inwards where the bound is near.
             let small = if values[k] + open.small > open.upper { -open.small } else { open.small };
             values[k] += small;
             all.push(at(&values)?);
@@ -290,7 +294,7 @@ impl Search {
                 settled: false,
             });
         } else if let Some(from) = job.from.as_ref().filter(|_| job.left > 0) {
-            // Too far: half of the way.
+            // The step was too large: try half of it.
             let values = from.iter().zip(&job.values).map(|(a, b)| 0.5 * (a + b)).collect();
             self.jobs.push_front(Job { values, left: job.left - 1, ..job });
             return;
@@ -383,7 +387,7 @@ impl Search {
         None
     }
 
-    /// Whether the likeliest leaves something that the tests would alarm for.
+    /// Whether the likeliest candidate leaves a change for which the tests would alarm.
     fn is_left(&self) -> bool {
         let first = ranking(&self.fits).first().and_then(|i| self.fits[*i].as_ref());
         first.is_some_and(|fit| fit.unexplained)

@@ -5,21 +5,21 @@
 //! (Basseville and Nikiforov 1993, 8.2, on changes of the spectrum). Lengths lie a factor of four apart: of a tone that a block
 //! just misses, the next has enough.
 
-/// Lengths of the blocks, samples.
+/// Block lengths, samples.
 const LENGTHS: [usize; 3] = [64, 256, 1024];
 
 /// A tone with fewer periods in its block than this is a drift, which the means show: in half lines.
 const LEAST_LINE: usize = 6;
 
-/// One length.
+/// The periodogram of one block length.
 #[derive(Debug, Clone)]
 struct Block {
     length: usize,
-    /// Rotation by one sample of each line, and where the lines stand.
+    /// Rotation by one sample of each line, and the present phases of the lines.
     turn: Vec<(f64, f64)>,
     cosine: Vec<f64>,
     sine: Vec<f64>,
-    /// Sums of each output, line after line.
+    /// Sums of each output, line by line.
     real: Vec<f64>,
     imaginary: Vec<f64>,
     count: usize,
@@ -34,10 +34,10 @@ pub struct Tones {
 }
 
 impl Tones {
-    /// Number of tests of an output, each as frequent as one a step.
+    /// Number of tests per output, each as frequent as one per step.
     pub const TESTS: usize = LENGTHS.len();
 
-    /// `threshold`: power that is passed by chance in a step once in as many steps as asked for.
+    /// `threshold`: power that is exceeded by chance in a step once per the required number of steps.
     pub fn new(outputs: usize, threshold: f64) -> Self {
         let block = |length: usize| {
             // Half a line apart: a tone between two lines keeps four fifths of its power.
@@ -59,12 +59,13 @@ impl Tones {
         Self { blocks: LENGTHS.map(block).into(), threshold }
     }
 
-    /// Begins anew at a step.
+    /// Resets the blocks at a step.
     pub fn restart(&mut self, step: u64) {
         self.blocks.iter_mut().for_each(|b| b.clear(step));
     }
 
-    /// Takes a step; of the tones found the strongest: how far beyond the threshold, output, and begin.
+    /// Takes in a step. Returns the strongest detected tone: its excess over the threshold, output, and
+    /// onset.
     pub fn step(&mut self, step: u64, whitened: &[f64]) -> Option<(f64, usize, u64)> {
         let mut found: Option<(f64, usize, u64)> = None;
         for block in &mut self.blocks {

@@ -1,4 +1,4 @@
-//! What a search has found: from log-likelihood ratios to probabilities, to a name or none.
+//! The result of a search: from log-likelihood ratios to probabilities, and to a named cause or none.
 
 use crate::bank::Bank;
 use crate::candidates::Candidate;
@@ -9,37 +9,38 @@ use crate::known::Knowledge;
 use crate::predictor::Predictor;
 use crate::replay::distance;
 
-/// Probability from which a cause is named: what else there is may be right once in fifty.
+/// Probability from which a cause is named; all other candidates together may be right once in fifty.
 pub const CERTAIN: f64 = 0.98;
 
-/// Candidates that are looked at last.
+/// Number of candidates that are evaluated finally.
 pub const LIKELIEST: usize = 5;
 
-/// Share of what the best explains by which the predictions of another may differ from it and still be called the same.
+/// Share of the best candidate's evidence by which another candidate's predictions may differ and still count as
+/// indistinguishable.
 const SAME: f64 = 0.01;
 
-/// A candidate at its best.
+/// A candidate with its best parameters.
 #[derive(Debug, Clone)]
 pub struct Fit {
     pub values: Vec<f64>,
     pub since: u64,
-    /// Less what its parameters cost.
+    /// Evidence reduced by the penalty for the parameters.
     pub score: f64,
     pub evidence: f64,
     pub spread: Option<Vec<f64>>,
     pub unexplained: bool,
-    /// No size near it is better.
+    /// Whether the parameters are at a local maximum.
     pub settled: bool,
 }
 
-/// What a search ends with.
+/// Result of a search.
 #[derive(Debug, Clone)]
 pub enum Answer {
-    /// This is the cause.
+    /// The cause was found.
     Cause(Box<Cause>, u64, f64),
-    /// Not enough is known yet.
+    /// The data are not sufficient yet.
     Open,
-    /// Nothing that was tried explains it.
+    /// No candidate explains the change.
     Unexplained,
 }
 
@@ -55,14 +56,14 @@ pub fn ranking(fits: &[Option<Fit>]) -> Vec<usize> {
 pub struct Standing<'a> {
     pub candidates: &'a [Candidate],
     pub fits: &'a [Option<Fit>],
-    /// Looks for what is left.
+    /// Tests for a remaining change.
     pub bank: Bank,
     pub since: u64,
     pub end: u64,
 }
 
 impl Standing<'_> {
-    /// What they bear out.
+    /// The answer that the candidates support.
     pub fn answer(&self, known: &Knowledge, like: &Predictor, capture: &Capture) -> Answer {
         let order = ranking(self.fits);
         let others = excess::all(known, like, capture, self.since, self.end);
@@ -128,7 +129,7 @@ impl Standing<'_> {
         })
     }
 
-    /// Those whose predictions are those of the first, but for a share that says nothing.
+    /// Candidates whose predictions differ from those of the first by an insignificant share.
     fn indistinguishable(
         &self,
         known: &Knowledge,

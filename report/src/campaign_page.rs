@@ -1,4 +1,5 @@
-//! The page of a campaign: how often limits are broken, how figures are distributed, what moves them, the worst flights.
+//! The page of a campaign: how often limits are violated, the distributions of the figures, their sensitivities,
+//! and the worst flights.
 
 use whirlstand_campaign::{
     Ended, FigureColumn, Findings, Flight, LimitFindings, Proportion, Table as Flights, Value, WEIGHT, Worst,
@@ -10,22 +11,22 @@ use super::ReportError;
 use super::page::{Attachment, Cell, Level, Page, Row, Section, Table};
 use super::plot::{Plot, Style, Trace};
 
-/// Bars of a histogram.
+/// Number of bars of a histogram.
 const BARS: usize = 40;
 
-/// Points of the line of a share over the flights.
+/// Points of the line of a share over the number of flights.
 const POINTS: usize = 400;
 
-/// What the page is made of.
+/// The data of the page.
 #[derive(Debug, Clone, Copy)]
 pub struct CampaignReport<'a> {
-    /// The campaign file, for the commands that show a flight.
+    /// Path of the campaign file, for the commands that show a flight.
     pub campaign: &'a str,
     /// The flights.
     pub table: &'a Flights,
-    /// What they say together.
+    /// Statistics of the flights.
     pub findings: &'a Findings,
-    /// The same as text.
+    /// The statistics as text.
     pub text: &'a str,
 }
 
@@ -61,7 +62,7 @@ pub fn campaign_report(report: &CampaignReport) -> Result<String, ReportError> {
     page.to_html()
 }
 
-/// Rare events have few digits behind many zeros.
+/// A share as a percentage; that of a rare event has many zeros before its first significant digit.
 fn percent(share: f64) -> String {
     if share > 0.0 && share < 1e-3 {
         format!("{:.1e}", 100.0 * share)
@@ -70,7 +71,7 @@ fn percent(share: f64) -> String {
     }
 }
 
-/// Whether flights count differently: they were drawn where failures are frequent.
+/// Whether the flights have different weights, as those drawn where failures are frequent.
 fn is_weighted(report: &CampaignReport) -> bool {
     report.table.info.columns.figures.iter().any(|figure| figure.key == WEIGHT)
 }
@@ -84,7 +85,7 @@ fn interval(p: &Proportion) -> Vec<Cell> {
     ]
 }
 
-/// How often limits are broken, and how the interval narrows as flights come in.
+/// How often limits are violated, and how the interval narrows with the number of flights.
 fn shares(report: &CampaignReport) -> Section {
     let findings = report.findings;
     let row = |label: String, p: &Proportion| Row { label, group: false, cells: interval(p) };
@@ -131,23 +132,23 @@ fn shares(report: &CampaignReport) -> Section {
     }
 }
 
-/// How the values of a figure are shown.
+/// The unit in which the values of a figure are shown.
 fn unit_of(figure: &FigureColumn) -> ShownUnit {
     ShownUnit::named(&figure.unit, &figure.shown)
 }
 
-/// A figure of all flights, as it is shown.
+/// The values of a figure over all flights, in the unit that is shown.
 fn column(flights: &[Flight], at: usize, unit: &ShownUnit) -> Vec<f64> {
     let values = flights.iter().map(|f| f.figures.get(at).copied().flatten().unwrap_or(f64::NAN));
     values.map(|value| value * unit.factor()).collect()
 }
 
-/// What stands beside an axis.
+/// Label of an axis: key and unit.
 fn axis(key: &str, unit: &str) -> String {
     if unit.is_empty() { key.into() } else { format!("{key}, {unit}") }
 }
 
-/// Histograms of the figures that have a limit, with that limit.
+/// Histograms of the figures that have a limit, with the limit.
 fn figures(report: &CampaignReport) -> Section {
     let columns = &report.table.info.columns;
     let plots = report.findings.limits.iter().enumerate().filter_map(|(i, limit)| {
@@ -199,7 +200,7 @@ fn figures(report: &CampaignReport) -> Section {
     }
 }
 
-/// Each figure with a limit over what moves it most.
+/// Each figure with a limit, plotted over the key that moves it most.
 fn moved(report: &CampaignReport) -> Section {
     let (flights, columns) = (&report.table.flights, &report.table.info.columns);
     let limited =

@@ -6,8 +6,8 @@ use super::plot::{Plot, Span, SpanKind, Style, Trace};
 use whirlstand_ident::compare::{Comparison, OutputComparison, OutputSeries, spectrum};
 use whirlstand_logs::shown::number;
 
-/// The report of a comparison: figures, then for each output measured against simulated, the residual, the
-/// quadratic error and the spectrum of the residual.
+/// The report of a comparison: figures; then for each output the measured and the simulated signal, the
+/// residual, the quadratic error and the spectrum of the residual.
 ///
 /// # Errors
 /// [`ReportError`], when the page cannot be put together.
@@ -209,7 +209,7 @@ fn spectrum_plot(
     plot.log_y = true;
     let density: Vec<f64> = spectrum.density.iter().map(|d| d * factor * factor).collect();
     if density.len() > 2 {
-        // Zero has no place on a logarithmic axis; there is only the mean, which was taken off.
+        // Frequency zero has no place on a logarithmic axis; it holds only the mean, which was removed.
         plot.traces.push(Trace::new("residual", 0, Style::Main, &spectrum.frequency_hz[1..], &density[1..]));
         let df = spectrum.frequency_hz[1];
         for line in &o.lines {

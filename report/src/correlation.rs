@@ -1,12 +1,13 @@
-//! Correlation of a residual with an input, both prewhitened so that chance has the same size at every lag.
+//! Correlation of a residual with an input. Both are prewhitened, so that chance correlations have the same
+//! size at every lag.
 
 use whirlstand_ident::identify::ar::Ar;
 
-/// Lags, at most.
+/// Greatest number of lags.
 const LAGS: usize = 400;
-/// Samples that are used, at most: the middle of longer records.
+/// Greatest number of samples used: the middle of longer records.
 const SAMPLES: usize = 20_000;
-/// Highest order of the filter that makes the input white.
+/// Highest order of the prewhitening filter.
 const ORDER: usize = 20;
 /// Quantile of the normal distribution for 99 %.
 const NORMAL: f64 = 2.576;
@@ -14,18 +15,19 @@ const NORMAL: f64 = 2.576;
 /// Correlation of a residual with the past of an input.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Correlation {
-    /// By how much the residual is later, s; below zero it is earlier.
+    /// Lag of the residual behind the input, s; negative where it leads.
     pub lag_s: Vec<f64>,
     /// Correlation, -1 to 1.
     pub value: Vec<f64>,
-    /// Chance stays within plus and minus this at 99 % of the lags.
+    /// Half-width of the band that chance correlations stay within at 99 % of the lags.
     pub band: f64,
 }
 
-/// Correlates a residual with an input at equal times, `period_s` apart, after the filter that makes the input white was
-/// applied to both (Box and Jenkins' prewhitening): without it, any slow residual goes with any slow input.
+/// Correlates a residual with an input at equal times, `period_s` apart. The filter that whitens the input is
+/// applied to both first (Box and Jenkins' prewhitening): without it, any slow residual correlates with any slow
+/// input.
 ///
-/// `None` when the record is short, or either does not move.
+/// `None` when the record is too short, or either signal does not vary.
 pub fn correlation(input: &[f64], residual: &[f64], period_s: f64) -> Option<Correlation> {
     let n = input.len().min(residual.len());
     let from = n.saturating_sub(SAMPLES) / 2;

@@ -9,14 +9,14 @@ use super::ReportError;
 use super::page::{Attachment, Cell, Level, Page, Row, Section, Table};
 use super::plot::{Plot, Style, Trace};
 
-/// What the page is made of.
+/// The data of the page.
 #[derive(Debug, Clone, Copy)]
 pub struct DesignReport<'a> {
     /// Name of the vehicle.
     pub vehicle: &'a str,
     /// The law and its figures.
     pub design: &'a Design,
-    /// Its responses.
+    /// Frequency and step responses of the design.
     pub responses: &'a Responses,
     /// Units of the states, in their order.
     pub state_units: &'a [ShownUnit],
@@ -148,7 +148,7 @@ fn bode(report: &DesignReport) -> Section {
     }
 }
 
-/// Phases in degrees without jumps, from within half a turn of -90 deg.
+/// Phases in degrees without jumps; the first one is within half a turn of -90 deg.
 fn unwrapped(phases: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut last: f64 = -90.0;
     phases

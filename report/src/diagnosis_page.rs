@@ -1,4 +1,5 @@
-//! The report of a diagnosis: the verdict, what the record shows of each cause, what was gained, output by output.
+//! The report of a diagnosis: the verdict, the evidence of each cause, the gain in accuracy, and the signals of
+//! each output.
 
 use super::ReportError;
 use super::diagnosis_signals::{evidence, output};
@@ -69,7 +70,7 @@ fn remarks(answer: &Diagnosis) -> Vec<(Level, String)> {
     data.chain(other).chain(advice).collect()
 }
 
-/// The extended vehicle as what changed in the given one; `None` without causes.
+/// The extended vehicle, as the changes to the given one; `None` without causes.
 fn vehicle(answer: &Diagnosis) -> Option<Section> {
     let extended = answer.extended.as_ref()?;
     let written = answer.extended_vehicle.as_ref().map(|path| format!(" It is in {path}."));
@@ -81,7 +82,7 @@ fn vehicle(answer: &Diagnosis) -> Option<Section> {
     })
 }
 
-/// What is left, and what was rejected.
+/// The remaining deviation, and the rejected causes.
 fn left(answer: &Diagnosis) -> Option<Section> {
     let table = rejected(answer);
     let plots = evidence(answer, false);

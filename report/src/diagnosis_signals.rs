@@ -7,12 +7,13 @@ use whirlstand_diagnose::Diagnosis;
 use whirlstand_diagnose::answer::{Axis, EvidenceCurve, OutputFigure};
 use whirlstand_logs::spectrum::welch;
 
-/// Colours: measured, given vehicle, extended vehicle.
+/// Indices of the colours: measured, given vehicle, extended vehicle.
 const MEASURED: usize = 5;
 const BEFORE: usize = 1;
 const AFTER: usize = 0;
 
-/// One output: measured against simulated, the residual, its spectrum, its correlation with the inputs.
+/// One output: measured and simulated signal, the residual, its spectrum, and its correlation with the
+/// inputs.
 pub(crate) fn output(answer: &Diagnosis, o: &OutputFigure) -> Section {
     let f = &answer.figures;
     let (factor, unit) = (o.unit.factor(), o.unit.symbol());
@@ -25,7 +26,7 @@ pub(crate) fn output(answer: &Diagnosis, o: &OutputFigure) -> Section {
         .map(|(name, colour, values)| (name, colour, values.as_slice()))
         .collect();
     let mut both = Plot::over_time(id("both"), "measured and simulated", unit);
-    // A slow sensor has values at some steps only: lines go from one to the next.
+    // A slow sensor has values at some steps only; lines connect them.
     let line = |name: &str, colour: usize, style: Style, values: &[f64]| {
         let (t, y): (Vec<f64>, Vec<f64>) = present(&f.t, values);
         Trace::new(name, colour, style, &t, &scaled(&y))
@@ -61,7 +62,7 @@ fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a - b).collect()
 }
 
-/// Values that are there, with their times; a gap of more than two typical distances stays one.
+/// The values that are not missing, with their times; a gap longer than two typical intervals remains a gap.
 fn present(t: &[f64], values: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let rows: Vec<usize> = (0..values.len().min(t.len())).filter(|k| values[*k].is_finite()).collect();
     let every = stride(&rows);
@@ -79,14 +80,14 @@ fn present(t: &[f64], values: &[f64]) -> (Vec<f64>, Vec<f64>) {
     (times, kept)
 }
 
-/// Typical distance of rows.
+/// Typical distance between rows.
 fn stride(rows: &[usize]) -> usize {
     let mut gaps: Vec<usize> = rows.windows(2).map(|w| w[1] - w[0]).collect();
     gaps.sort_unstable();
     gaps.get(gaps.len() / 2).copied().unwrap_or(1)
 }
 
-/// The residual at even distances, 0 where it is missing; its rows.
+/// The residual at even intervals, 0 where it is missing, and the rows used.
 fn even(residual: &[f64]) -> (Vec<f64>, Vec<usize>) {
     let rows: Vec<usize> = (0..residual.len()).filter(|k| residual[*k].is_finite()).collect();
     let Some(first) = rows.first() else { return (Vec::new(), Vec::new()) };
@@ -121,7 +122,7 @@ fn spectrum(
         if density.len() < 3 {
             continue;
         }
-        // Zero has no place on a logarithmic axis.
+        // Frequency zero has no place on a logarithmic axis.
         plot.traces.push(Trace::new(*name, *colour, Style::Main, &spectrum.frequency_hz[1..], &density[1..]));
         let df = spectrum.frequency_hz[1];
         for tone in o.tones.iter().filter(|_| place == 0) {
@@ -163,7 +164,7 @@ fn correlations(answer: &Diagnosis, o: &OutputFigure, runs: &[(&str, usize, &[f6
     plots
 }
 
-/// What shows causes; `accepted` ones or the nearest rejected.
+/// Plots of the evidence of causes: of the `accepted` ones, or of the nearest rejected ones.
 pub(crate) fn evidence(answer: &Diagnosis, accepted: bool) -> Vec<Plot> {
     let all = answer.figures.evidence.iter().filter(|c| c.accepted == accepted);
     all.enumerate().map(|(i, c)| evidence_plot(c, i)).collect()
@@ -192,7 +193,7 @@ fn evidence_plot(curve: &EvidenceCurve, place: usize) -> Plot {
             plot.traces.push(Trace::new(name, colour, style, &x, &y));
         }
     };
-    // Points that are alone are means over parts of the axis; between them nothing is known.
+    // Isolated points are means over parts of the axis; nothing is known between them.
     add("record, single samples", MEASURED, Style::Cloud, &curve.cloud);
     add("given vehicle", MEASURED, Style::Limit, &curve.without);
     let marked = curve.measured.0.len() <= 60;

@@ -13,7 +13,7 @@ fn row(label: String, cells: Vec<Cell>) -> Row {
     Row { label, group: false, cells }
 }
 
-/// What was found, with its evidence; `None` without causes.
+/// The causes found, with their evidence; `None` without causes.
 pub(crate) fn causes(answer: &Diagnosis) -> Option<Section> {
     let names = ["cause", "value", "95 % from", "to", "BIC", "held out", "of the residual", "by chance"];
     let rows: Vec<Row> = answer.causes.iter().flat_map(cause).collect();
@@ -38,7 +38,7 @@ pub(crate) fn causes(answer: &Diagnosis) -> Option<Section> {
     })
 }
 
-/// A row with the evidence, then one for every parameter.
+/// Rows of a cause: one with the evidence, then one for every parameter.
 fn cause(cause: &Cause) -> Vec<Row> {
     let e = &cause.evidence;
     let chance = if e.p_value < 1e-4 { "< 0.0001".into() } else { format!("{:.4}", e.p_value) };
@@ -61,7 +61,7 @@ fn cause(cause: &Cause) -> Vec<Row> {
     rows
 }
 
-/// What is gained on held-out data.
+/// The gain in accuracy on held-out data.
 pub(crate) fn gains(answer: &Diagnosis) -> Section {
     let ahead = format!("{} s", number(answer.heldout.horizon_s));
     let (ahead_before, ahead_after) = (format!("fit over {ahead} before, %"), String::from("after, %"));
@@ -115,7 +115,7 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
     }
 }
 
-/// What was weighed and not accepted, with reasons.
+/// The candidates that were rejected, with reasons.
 pub(crate) fn rejected(answer: &Diagnosis) -> Table {
     let rows = answer.rejected.iter().map(|r| {
         row(
@@ -126,7 +126,7 @@ pub(crate) fn rejected(answer: &Diagnosis) -> Table {
     Table { head: head(&["rejected", "BIC", "why"]), rows: rows.collect(), ..Table::default() }
 }
 
-/// What the record could not have shown.
+/// The effects that the record could not have shown.
 pub(crate) fn not_testable(answer: &Diagnosis) -> Option<Section> {
     let rows: Vec<Row> = answer
         .not_testable

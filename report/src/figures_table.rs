@@ -35,14 +35,15 @@ const INPUT_COLUMNS: [(&str, &str, f64, Scale); 5] = [
     ("saturated", "time at a limit, %", 100.0, Scale::Plain),
 ];
 
-/// Figures of the outputs: a row an output, or with several variants a group an output and a row a variant.
+/// Figures of the outputs: a row per output, or with several variants a group per output and a row per
+/// variant.
 pub fn output_table(summaries: &[RunSummary]) -> Table {
     let note = "Each row is in its own unit. Worst case over all steps and disturbances of the run, from the true \
                 motion if available. Recovery and settling: until the output stays within 5 % (of the peak, of the \
                 step) or within the noise level, if that is larger. Errors are relative to the setpoint, or to trim \
                 where nothing is tracked.";
     let Some(first) = summaries.first() else { return Table::default() };
-    // Angles, speeds and positions before their rates, tracked ones first.
+    // Angles, speeds and positions come before their rates, and tracked outputs come first.
     let mut names: Vec<&String> = first.outputs.keys().collect();
     let tracked = |name: &str| summaries.iter().any(|s| s.outputs.get(name).is_some_and(|o| o.tracked));
     names.sort_by_key(|n| (!tracked(n), n.ends_with("_rate")));
@@ -58,7 +59,7 @@ pub fn output_table(summaries: &[RunSummary]) -> Table {
     Table { note: note.into(), ..table(summaries, rows, &columns) }
 }
 
-/// Figures of the inputs, laid out as those of the outputs.
+/// Figures of the inputs, in the layout of [`output_table`].
 pub fn input_table(summaries: &[RunSummary]) -> Table {
     let Some(first) = summaries.first() else { return Table::default() };
     let rows = first.inputs.iter().map(|(name, input)| {
@@ -80,7 +81,7 @@ struct Column {
     scale: Scale,
 }
 
-/// Rows are `(label, name of the signal, unit)`.
+/// A table of figures; rows are `(label, name of the signal, unit)`.
 fn table<'a>(
     summaries: &[RunSummary],
     rows: impl Iterator<Item = (String, &'a str, &'a ShownUnit)>,
@@ -92,7 +93,7 @@ fn table<'a>(
     };
     let mut used = vec![false; columns.len()];
     for (label, name, unit) in rows {
-        // One column of figures a key: the best of the variants is marked.
+        // One column of figures per key; the best variant is marked.
         let figures: Vec<Vec<Cell>> = columns
             .iter()
             .zip(&mut used)
@@ -119,7 +120,7 @@ fn table<'a>(
             table.rows.push(Row { label: s.name.clone(), group: false, cells: row(i) });
         }
     }
-    // A figure that nothing in this run could give needs no column.
+    // A figure without a value in any row gets no column.
     let keep = |i: &usize| used[*i];
     let kept: Vec<usize> = (0..columns.len()).filter(keep).collect();
     table.head =
@@ -151,7 +152,7 @@ fn cells(figures: &[Option<Figure>], factor: f64, less_is_better: bool) -> Vec<C
         .collect()
 }
 
-/// Standard deviations that the estimator claims, and its errors.
+/// Standard deviations according to the estimator, and its actual errors.
 pub fn estimator_table(summaries: &[RunSummary]) -> Option<Table> {
     let judged: Vec<_> = summaries.iter().filter_map(|s| Some((s, s.estimator.as_ref()?))).collect();
     let head = ["", "NIS ratio", "95 % interval", "judged from, s", "steps", "errors within 2 std, %"];
@@ -182,7 +183,7 @@ pub fn estimator_table(summaries: &[RunSummary]) -> Option<Table> {
     })
 }
 
-/// What was expected of the runs and what was found: a row an expectation, a column a run.
+/// Expectations and results: a row per expectation, a column per run.
 pub fn expected_table(expected: &[Expected]) -> Table {
     let (mut rows, mut runs): (Vec<&Expected>, Vec<&str>) = (Vec::new(), Vec::new());
     for e in expected {
@@ -209,7 +210,7 @@ pub fn expected_table(expected: &[Expected]) -> Table {
     Table { head, rows: rows.collect(), ..Table::default() }
 }
 
-/// Timing figures, one row a node.
+/// Timing figures, one row per node.
 pub fn timing_table(summaries: &[RunSummary]) -> Table {
     let head =
         ["", "steps", "misses", "lost", "refused", "restarts", "p50, us", "p99, us", "p99.9, us", "max, us"];

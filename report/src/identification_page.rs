@@ -220,7 +220,7 @@ fn responses(answer: &Identification) -> Option<Section> {
     })
 }
 
-/// Gain, phase and coherence of one pair, side by side.
+/// Gain, phase and coherence of one input-output pair, side by side.
 fn bode(
     pair: &str,
     real: &Response,
@@ -238,7 +238,7 @@ fn bode(
     };
     let (mut gain, mut phase) = (plot("gain", "dB"), plot("phase", "deg"));
     let mut coherence = plot("partial coherence", "");
-    // A little beyond the last trusted frequency, where the coherence falls.
+    // The plot ends slightly beyond the last trusted frequency, where the coherence falls.
     let end = (last + last / 2 + 2).min(real.frequency_hz.len());
     let f = &real.frequency_hz[..end];
     let trusted = |k: usize| (first..=last).contains(&k) && real.coherence[input][k] >= TRUSTED;
@@ -247,7 +247,7 @@ fn bode(
     phase.traces.push(Trace::new("real", 5, Style::Main, f, &deg[..end]));
     if let Some(simulated) = simulated {
         let (db, mut own) = simulated.bode(input, |k| (first..=last).contains(&k));
-        // The same turn as the record's.
+        // Shifts the phase to the same turn as the record's.
         let apart = (0..end).find(|k| deg[*k].is_finite() && own[*k].is_finite()).map(|k| own[k] - deg[k]);
         let turns = (apart.unwrap_or(0.0) / 360.0).round();
         own.iter_mut().for_each(|v| *v -= 360.0 * turns);
@@ -303,7 +303,8 @@ fn parameters(answer: &Identification) -> Section {
     }
 }
 
-/// The free parameters with their standard errors and bounds, then those that the data did not determine.
+/// The free parameters with their standard errors and bounds, then the parameters that the data did not
+/// determine.
 fn values(answer: &Identification) -> Table {
     let rows = answer.parameters.iter().map(|p| Row {
         label: p.name.clone(),
@@ -341,7 +342,7 @@ fn values(answer: &Identification) -> Table {
         .into(), ..Table::default() }
 }
 
-/// The poles of the identified model, of a conjugate pair one row.
+/// The poles of the identified model, one row per conjugate pair.
 fn poles(answer: &Identification) -> Table {
     let poles = answer.poles.iter().filter(|p| p.im >= 0.0).map(|p| Row {
         label: if p.im > 0.0 { format!("{:.4} ± {:.4}i", p.re, p.im) } else { format!("{:.4}", p.re) },

@@ -31,8 +31,8 @@ pub use run_page::run_report;
 pub use tune_page::{Fan, LawLine, TuneReport, tune_report};
 pub use winner::winner;
 
-/// Why a report cannot be put together: what the template engine says. The template is part of the program, so
-/// this is a bug of the program.
+/// Reason why a report cannot be put together: the error of the template engine. The template is part of the
+/// program, so this is a bug of the program.
 #[derive(Debug, thiserror::Error)]
 #[error("the report's template failed, which is a bug in this program: {0}")]
 pub struct ReportError(#[from] minijinja::Error);

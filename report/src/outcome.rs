@@ -9,17 +9,18 @@ use whirlstand_msgs::units::ShownUnit;
 pub struct Outcome {
     /// The verdict in a sentence: the first line of the report.
     pub verdict: String,
-    /// Whether all was as it should be; `None` when nobody judged it, as for logs that were recorded before.
+    /// Whether everything was as expected; `None` when nobody judged it, as for logs that were recorded
+    /// earlier.
     pub ok: Option<bool>,
-    /// What went wrong, a sentence each.
+    /// Problems, one sentence each.
     pub problems: Vec<String>,
-    /// What was expected and what was found.
+    /// Expectations and their results.
     pub expected: Vec<Expected>,
-    /// Files beside the page: text, and path from the page's own folder.
+    /// Files beside the page: text, and path relative to the page's folder.
     pub files: Vec<(String, String)>,
 }
 
-/// One expectation and what was found in each run.
+/// One expectation and its result in a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
     /// Name of the variant, or of the bench.
@@ -28,17 +29,17 @@ pub struct Expected {
     pub key: String,
     /// The limit, SI.
     pub limit: f64,
-    /// What was found, SI; `None` when it never came to that or was not measured.
+    /// The result, SI; `None` when it never occurred or was not measured.
     pub found: Option<f64>,
-    /// SI unit of both.
+    /// Unit of both values.
     pub unit: ShownUnit,
     /// Whether it holds.
     pub holds: bool,
 }
 
 impl Outcome {
-    /// Colour of the verdict: bad when something failed, worth a look when all ended well but something happened on
-    /// the way.
+    /// Rating of the verdict: bad when something failed, a warning when the run ended well but had an event worth
+    /// attention.
     pub(crate) fn level(&self, summaries: &[RunSummary]) -> Level {
         let troubled = summaries.iter().any(|s| {
             s.timing.failsafe_steps + s.timing.lost + s.timing.restarts > 0
@@ -53,9 +54,9 @@ impl Outcome {
         }
     }
 
-    /// What is worth reading under the verdict.
+    /// Remarks that are shown under the verdict.
     pub(crate) fn remarks(&self, summaries: &[RunSummary]) -> Vec<(Level, String)> {
-        // What the verdict says already is not said again.
+        // Problems that the verdict already contains are not repeated.
         let further = self.problems.iter().filter(|p| !self.verdict.contains(p.as_str()));
         let mut remarks: Vec<_> = further.map(|p| (Level::Bad, p.clone())).collect();
         for s in summaries {

@@ -1,4 +1,4 @@
-//! Text that a page carries compressed: gzip (RFC 1952), as base64 (RFC 4648). A browser inflates it by itself.
+//! Compressed text in a page: gzip (RFC 1952), encoded as base64 (RFC 4648). The browser inflates it itself.
 
 use std::io::Write;
 
@@ -7,10 +7,10 @@ use base64::engine::general_purpose::STANDARD;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-/// The text, compressed; the same text gives the same letters, digits, `+`, `/` and `=`.
+/// The compressed text; the same text gives the same characters: letters, digits, `+`, `/` and `=`.
 pub fn packed(text: &str) -> String {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-    // Neither writing to memory nor ending such a stream can fail.
+    // Neither writing to memory nor finishing such a stream can fail.
     let bytes = encoder.write_all(text.as_bytes()).and_then(|()| encoder.finish()).unwrap_or_default();
     STANDARD.encode(bytes)
 }

@@ -69,7 +69,7 @@ pub struct Table {
     pub rows: Vec<Row>,
     /// Small print under the table; may be empty.
     pub note: String,
-    /// The cells are words, not figures.
+    /// Whether the cells are words instead of figures.
     pub words: bool,
 }
 
@@ -105,7 +105,7 @@ pub struct Section {
     pub text: String,
     /// Tables, above the plots.
     pub tables: Vec<Table>,
-    /// Lines of a text that changed, below the tables.
+    /// Changed lines of a text, below the tables.
     pub diff: Vec<DiffLine>,
     /// Plots.
     pub plots: Vec<Plot>,
@@ -125,7 +125,7 @@ pub struct Attachment {
 /// The contents of a page.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Page {
-    /// What kind of page, above the title: "run report", "comparison".
+    /// Kind of page, shown above the title: "run report", "comparison".
     pub kind: String,
     /// Title.
     pub title: String,
@@ -137,15 +137,15 @@ pub struct Page {
     pub remarks: Vec<(Level, String)>,
     /// Sections of the page.
     pub sections: Vec<Section>,
-    /// Facts: what, value.
+    /// Facts: name and value.
     pub facts: Vec<(String, String)>,
-    /// Files beside the page: text, and path from the page's own folder.
+    /// Files beside the page: text, and path relative to the page's folder.
     pub files: Vec<(String, String)>,
     /// Folded texts at the end.
     pub attachments: Vec<Attachment>,
 }
 
-/// Plotly.js as the build script left it: gzip as base64.
+/// Plotly.js as the build script prepared it: gzip in base64.
 pub const PLOTLY: &str = include_str!(concat!(env!("OUT_DIR"), "/plotly.txt"));
 const TEMPLATE: &str = include_str!("assets/page.html");
 /// Style of the reports, in light and dark.
@@ -153,7 +153,7 @@ pub const STYLE: &str = include_str!("assets/page.css");
 const SCRIPT: &str = include_str!("assets/page.js");
 
 impl Page {
-    /// The page as one HTML text that loads nothing from anywhere.
+    /// The page as one HTML text that loads no other resource.
     ///
     /// # Errors
     /// [`ReportError`], which would be a bug.
@@ -195,7 +195,7 @@ impl Page {
     }
 }
 
-/// A path as an address that stays below the page's own folder whatever is in it.
+/// A path as a relative URL that stays below the page's folder, whatever characters it contains.
 fn relative(path: &str) -> String {
     let mut address = String::from(".");
     for part in Path::new(path).components() {
@@ -224,7 +224,7 @@ mod tests {
     use super::*;
     use crate::plot::{Style, Trace};
 
-    /// What a packed text was.
+    /// The original text of a packed text.
     fn unpacked(packed: &str) -> String {
         let bytes = STANDARD.decode(packed).unwrap();
         let mut text = String::new();
@@ -290,7 +290,7 @@ mod tests {
 
     #[test]
     fn the_fullest_page_is_less_than_2_mb() {
-        // Noise compresses worst, and more of it than a page may hold is thinned.
+        // Noise compresses worst; a line with more points than a page may hold is thinned.
         let time: Vec<f64> = (0..20_000).map(|i| f64::from(i) * 5e-3).collect();
         let mut stream = whirlstand_vehicle::Stream::new(1, "page");
         let plots = (0..60).map(|i| {

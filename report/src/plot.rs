@@ -13,11 +13,11 @@ pub enum Style {
     Main,
     /// A second line beside the main one, dashed.
     Second,
-    /// What an estimator makes of a line, in a colour of its own.
+    /// An estimate of another line, in a colour of its own.
     Estimate,
-    /// What a sensor reported: thin and pale.
+    /// Measurements of a sensor, thin and pale.
     Sensor,
-    /// A wanted value: neutral, in steps.
+    /// A reference value, neutral and in steps.
     Wanted,
     /// A limit or bound: neutral, dotted.
     Limit,
@@ -63,34 +63,34 @@ impl Trace {
     }
 }
 
-/// What a shaded span means.
+/// Meaning of a shaded span.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SpanKind {
     /// A disturbance acts.
     Disturbance,
-    /// Commands were late, the last one was held.
+    /// Commands were late, and the last one was held.
     Held,
     /// The plant was in failsafe.
     Failsafe,
-    /// The part with the greatest error.
+    /// The part of the record with the greatest error.
     Worst,
-    /// The part that was held out.
+    /// The held-out part of the record.
     HeldOut,
 }
 
-/// A part of the x axis that is shaded. With equal ends: a line.
+/// A shaded part of the x axis; with equal ends it is a line.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Span {
     /// Start on the x axis.
     pub from: f64,
     /// End on the x axis.
     pub until: f64,
-    /// What it means; the legend says it.
+    /// Meaning of the span, which the legend shows.
     pub kind: SpanKind,
 }
 
-/// Values over a plane, shown as colours: equal steps along both axes.
+/// Values over a plane, shown as colours, with equal steps along both axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Heat {
     /// Middles of the columns, in the unit of the x axis.
@@ -110,11 +110,11 @@ pub struct Plot {
     pub id: String,
     /// Heading.
     pub title: String,
-    /// Words beside the heading, less weighty; may be empty.
+    /// Text beside the heading, with less weight; may be empty.
     pub aside: String,
-    /// Label of the x axis; its unit stands behind the last comma.
+    /// Label of the x axis, with its unit after the last comma.
     pub x_label: String,
-    /// Label of the y axis, which is its unit, or has it behind the last comma.
+    /// Label of the y axis: its unit, or a text with the unit after the last comma.
     pub y_label: String,
     /// Plots of one group zoom together.
     pub group: Option<&'static str>,
@@ -122,7 +122,7 @@ pub struct Plot {
     pub log_x: bool,
     /// Logarithmic y axis.
     pub log_y: bool,
-    /// Ends of the y axis; without, the lines decide.
+    /// Ends of the y axis; `None` derives them from the lines.
     pub y_range: Option<(f64, f64)>,
     /// Lines.
     pub traces: Vec<Trace>,
@@ -141,12 +141,12 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// A plot over time that zooms together with the others over time.
+    /// A plot over time, which zooms together with the other plots over time.
     pub fn over_time(id: impl Into<String>, title: impl Into<String>, y_label: impl Into<String>) -> Self {
         Self { group: Some("time"), x_label: "time, s".into(), ..Self::new(id, title, "", y_label) }
     }
 
-    /// A plot on its own axis.
+    /// A plot with its own x axis.
     pub fn new(
         id: impl Into<String>,
         title: impl Into<String>,
@@ -173,8 +173,9 @@ impl Plot {
         }
     }
 
-    /// Keeps what `transient` lines do in the first twentieth of the x axis from flattening the rest: where it would more
-    /// than double the y axis, the axis is that of the rest, and the caption says what lies beyond it.
+    /// Keeps `transient` lines from flattening the rest of a plot by their values in the first twentieth of the x
+    /// axis. Where these values would more than double the y axis, the axis is scaled to the rest, and the caption
+    /// states what is outside.
     pub fn leave_out_start(&mut self, transient: impl Fn(&Trace) -> bool) {
         let ends = extent(self.traces.iter().flat_map(|t| t.x.iter().copied()));
         let from = ends.0 + 0.05 * (ends.1 - ends.0);
@@ -204,13 +205,14 @@ fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
 }
 
-/// Numbers that all plots of a page may hold together; about 8 characters each in the file.
+/// Most numbers in all plots of a page together; each takes about 8 characters in the file.
 const PAGE_BUDGET: usize = 360_000;
-/// A plot is hardly ever wider than this many pixels, and four points fill one.
+/// Most points of a line: a plot is rarely wider than this many pixels divided by four, and four points fill
+/// one pixel.
 const MOST_POINTS: usize = 6_000;
 
-/// All plots of a page as one JSON text. Equal columns, such as the time that lines share, are written once;
-/// every line is thinned so that the whole stays within [`PAGE_BUDGET`].
+/// All plots of a page as one JSON text. Equal columns, such as a time axis that lines share, are written
+/// once. Every line is thinned so that the total stays within [`PAGE_BUDGET`].
 pub fn plots_json(plots: &[Plot]) -> String {
     let long = plots.iter().flat_map(|p| &p.traces).count().max(1);
     let most = (PAGE_BUDGET / (2 * long)).clamp(400, MOST_POINTS);
@@ -246,18 +248,18 @@ pub fn plots_json(plots: &[Plot]) -> String {
             })
         })
         .collect();
-    // Whoever puts the text into a page as it is must find neither the end of a script in a name nor the start of a
-    // comment: `<` stands in strings alone.
+    // The text is put into a page unchanged, so it must contain neither the end of a script nor the start of a
+    // comment: `<` occurs in strings only.
     serde_json::json!({ "columns": columns, "plots": plots }).to_string().replace('<', "\\u003c")
 }
 
-/// Colours are told apart no better.
+/// Values rounded to tenths, because finer differences of colour cannot be seen.
 fn tenths(rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
     rows.iter().map(|row| row.iter().map(|v| (10.0 * v).round() / 10.0).collect()).collect()
 }
 
-/// Values with as many decimals as the eye can tell: a hundred-thousandth of the range of the column, six
-/// significant digits for columns that span decades. NaN becomes `null` in JSON.
+/// Values rounded to visible precision: a hundred-thousandth of the column's range, or six significant digits
+/// for columns that span decades. NaN becomes `null` in JSON.
 fn rounded(values: &[f64]) -> Vec<f64> {
     let finite = || values.iter().copied().filter(|v| v.is_finite());
     let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));

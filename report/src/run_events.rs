@@ -1,12 +1,12 @@
-//! What happened in a run, in the order of time.
+//! Table of the events of a run, in the order of time.
 
 use whirlstand_evaluate::run::Run;
 
 use super::page::{Cell, Level, Row, Table};
 
-/// Most rows of the table.
+/// Greatest number of rows in the table.
 const MOST_EVENTS: usize = 40;
-/// Spans closer than this share of the run are one row.
+/// Distance, as a share of the run, below which spans are joined in one row.
 const NEAR: f64 = 0.002;
 
 struct Event {
@@ -17,7 +17,8 @@ struct Event {
     level: Level,
 }
 
-/// Steps of setpoints, disturbances, findings of the mirror, late commands, failsafe and holes of the log; nothing when there were none.
+/// Setpoint steps, disturbances, findings of the mirror, late commands, failsafe and holes of the log; `None`
+/// without any.
 pub(super) fn events_table(runs: &[&Run]) -> Option<Table> {
     let mut events: Vec<Event> = runs.iter().enumerate().flat_map(|(i, run)| of_run(i, run)).collect();
     events.sort_by(|a, b| a.at_s.total_cmp(&b.at_s).then(a.run.cmp(&b.run)));
@@ -36,10 +37,10 @@ pub(super) fn events_table(runs: &[&Run]) -> Option<Table> {
     })
 }
 
-/// Number that stands for all runs.
+/// Run number that stands for all runs.
 const ALL: usize = usize::MAX;
 
-/// What happened alike in all runs, as a gust does, is one event.
+/// Joins an event that occurs alike in all runs, such as a gust, into one.
 fn same_in_all(events: &mut Vec<Event>, runs: usize) {
     let same = |a: &Event, b: &Event| a.at_s == b.at_s && a.what == b.what;
     let everywhere: Vec<bool> =

@@ -117,12 +117,12 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
         plots: latency_plot(runs).into_iter().collect(),
         ..Section::default()
     });
-    // A run that ended at once has nothing to draw.
+    // A run that ended at once has nothing to plot.
     sections.retain(|section| !section.plots.is_empty() || section.tables.iter().any(|t| !t.rows.is_empty()));
     sections
 }
 
-/// Fewest steps with an estimate that are worth a plot.
+/// Fewest steps with an estimate for a plot.
 const FEWEST_ESTIMATES: u64 = 8;
 
 fn estimator_plots(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Plot> {
@@ -184,7 +184,8 @@ fn latency_plot(runs: &[&Run]) -> Option<Plot> {
             else {
                 continue;
             };
-            // The lower edge of a bucket begins its step; the last step ends at the next edge.
+            // A step of the outline begins at the lower edge of a bucket; the last step ends at the next
+            // edge.
             let edge = |b: usize| {
                 if b == 0 { 0.35 } else { latency_bucket_upper_ns((b - 1).min(LATENCY_BUCKETS - 2)) * 1e-3 }
             };

@@ -1,4 +1,4 @@
-//! The plots of what a run measured, was told and applied.
+//! Plots of the measured, commanded and applied signals of a run.
 
 use whirlstand_evaluate::run::Run;
 use whirlstand_evaluate::summary::RunSummary;
@@ -6,15 +6,15 @@ use whirlstand_logs::Line;
 
 use super::plot::{Plot, Span, SpanKind, Style, Trace};
 
-/// Longest list of spans that a plot gets; beyond, neighbours are joined.
+/// Most spans in a plot; beyond that, neighbouring spans are joined.
 const MOST_SPANS: usize = 60;
 
-/// Disturbances of the first run that has some, held and failsafe steps of all.
+/// Spans of the plots: disturbances of the first run that has any, and held and failsafe steps of all runs.
 pub(super) fn spans(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Span> {
     let mut spans = Vec::new();
     if let Some(s) = summaries.iter().find(|s| !s.disturbances.is_empty()) {
         for event in &s.disturbances {
-            // A disturbance that stays would shade all that follows: its onset says as much.
+            // A lasting disturbance would shade the whole rest of the plot, so only its onset is marked.
             let lasting = event.until_s - event.at_s > 0.4 * s.duration_s;
             spans.push(Span {
                 from: event.at_s,
@@ -33,7 +33,7 @@ pub(super) fn spans(runs: &[&Run], summaries: &[RunSummary]) -> Vec<Span> {
     spans
 }
 
-/// A line of a run in the unit of its plot.
+/// A line of a run, in the unit of its plot.
 pub(super) fn trace(
     name: impl Into<String>,
     variant: usize,
@@ -86,7 +86,7 @@ pub(super) fn output_plot(runs: &[&Run], summaries: &[RunSummary], i: usize) -> 
     }
     plot.traces.extend(wanted);
     plot.spans = spans(runs, summaries);
-    // The truth's own start is what happened; that of a filter is not.
+    // The initial transient of the truth is real; that of a filter is an artefact.
     plot.leave_out_start(|t| matches!(t.style, Style::Estimate | Style::Second));
     plot
 }

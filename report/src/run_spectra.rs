@@ -1,4 +1,4 @@
-//! Where the power of a run's signals lies: spectra of all variants, and of a single one over time.
+//! Spectra of a run's signals: power spectral densities of all variants, and spectrograms of a single run.
 
 use whirlstand_evaluate::run::Run;
 use whirlstand_evaluate::spectra::Spectrum;
@@ -8,22 +8,22 @@ use whirlstand_msgs::units::ShownUnit;
 use super::page::Section;
 use super::plot::{Heat, Plot, Style, Trace};
 
-/// Most spectrograms on a page, rates before inputs.
+/// Most spectrograms on a page; rates come before inputs.
 const MOST_SPECTROGRAMS: usize = 8;
 
-/// Share of the values that all have the palest colour.
+/// Share of the values that have the palest colour.
 const LEAST_COLOUR: f64 = 0.1;
 
-/// A signal whose spectrum is of interest.
+/// A signal whose spectrum is shown.
 struct Signal<'a> {
     id: String,
     name: &'a str,
     unit: ShownUnit,
-    /// One for each variant.
+    /// Spectra, one per variant.
     spectra: Vec<(&'a str, &'a Spectrum)>,
 }
 
-/// Spectra of rates and inputs; nothing when every run was too short for one.
+/// Spectra of rates and inputs; `None` when every run was too short for one.
 pub(super) fn spectra(runs: &[&Run]) -> Option<Section> {
     let signals = signals(runs);
     let mut plots: Vec<Plot> = signals.iter().filter_map(density_plot).collect();
@@ -40,7 +40,8 @@ pub(super) fn spectra(runs: &[&Run]) -> Option<Section> {
     })
 }
 
-/// The rates, or where a vehicle has none all outputs; then the inputs.
+/// The signals whose spectra are shown: the rates, or all outputs where a vehicle has no rate; then the
+/// inputs.
 fn signals<'a>(runs: &[&'a Run]) -> Vec<Signal<'a>> {
     let Some(first) = runs.first() else { return Vec::new() };
     let outputs = &first.vehicle.outputs;
@@ -74,7 +75,7 @@ fn density_plot(signal: &Signal) -> Option<Plot> {
     let mut plot = Plot::new(signal.id.clone(), signal.name, "frequency, Hz", root_density(unit));
     plot.log_y = true;
     for (variant, (name, spectrum)) in signal.spectra.iter().enumerate() {
-        // Without the mean, which was taken off.
+        // The first bin, the mean, was removed.
         let density: Vec<f64> = spectrum.density[1..].iter().map(|d| factor * d.sqrt()).collect();
         if density.iter().any(|d| *d > 0.0) {
             plot.traces.push(Trace::new(*name, variant, Style::Main, &spectrum.frequency_hz[1..], &density));
@@ -87,13 +88,13 @@ fn spectrogram_plot(signal: &Signal) -> Option<Plot> {
     let (factor, unit) = (signal.unit.factor(), signal.unit.symbol());
     let (_, spectrum) = signal.spectra.first()?;
     let found = &spectrum.spectrogram;
-    // Two columns are no course of time.
+    // Two columns show no course over time.
     if found.time_s.len() < 3 || found.density.iter().flatten().all(|d| *d <= 0.0) {
         return None;
     }
     let decibel = |d: &f64| if *d > 0.0 { 10.0 * (factor * factor * d).log10() } else { f64::NAN };
     let z: Vec<Vec<f64>> = found.density.iter().map(|row| row.iter().map(decibel).collect()).collect();
-    // The deep holes of noise would take most of the colours.
+    // The deep minima of noise would take most of the colour scale.
     let all: Vec<f64> = z.iter().flatten().copied().filter(|v| v.is_finite()).collect();
     let least = quantile(&all, LEAST_COLOUR);
     let z = z.into_iter().map(|row| row.into_iter().map(|v| v.max(least)).collect()).collect();
@@ -105,7 +106,7 @@ fn spectrogram_plot(signal: &Signal) -> Option<Plot> {
     Some(plot)
 }
 
-/// Unit of the root of a density.
+/// Unit of the square root of a density.
 fn root_density(unit: &str) -> String {
     match unit {
         "" => "1/√Hz".into(),

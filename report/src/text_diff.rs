@@ -4,10 +4,10 @@ use similar::{ChangeTag, TextDiff};
 
 use super::page::{Change, DiffLine};
 
-/// Lines that stayed and are shown about those that changed.
+/// Unchanged lines that are shown around changed ones.
 const CONTEXT: usize = 3;
 
-/// The lines that changed from one text to another, with their neighbours.
+/// The lines that changed from one text to the other, with unchanged neighbours.
 pub fn changed_lines(before: &str, after: &str) -> Vec<DiffLine> {
     let diff = TextDiff::from_lines(before, after);
     let line = |change: Change, text: &str| DiffLine { change, text: text.trim_end().to_string() };

@@ -7,48 +7,48 @@ use crate::ReportError;
 use crate::page::{Attachment, Cell, Level, Page, Row, Section, Table};
 use crate::plot::{Plot, Style, Trace};
 
-/// What the page shows.
+/// The data of the page.
 #[derive(Debug, Clone)]
 pub struct TuneReport {
     /// Title.
     pub title: String,
     /// The verdict in a sentence.
     pub verdict: String,
-    /// The new law is kept.
+    /// Whether the new law is kept.
     pub kept: bool,
     /// The figures of both laws.
     pub lines: Vec<LawLine>,
-    /// The motion of every state.
+    /// The motion of every state over the draws.
     pub fans: Vec<Fan>,
     /// Frequencies, rad/s.
     pub frequencies: Vec<f64>,
-    /// Sensitivity of the old and of the new loop at these; empty where unknown.
+    /// Sensitivity of the old and of the new loop at these frequencies; empty where unknown.
     pub sensitivity: [Vec<f64>; 2],
-    /// Poles of both.
+    /// Poles of the old and of the new loop.
     pub poles: [Vec<Pole>; 2],
-    /// All as text.
+    /// The tuning as text.
     pub text: String,
 }
 
 /// A figure of both laws.
 #[derive(Debug, Clone)]
 pub struct LawLine {
-    /// What it is.
+    /// Name of the figure.
     pub what: String,
-    /// Of the old law.
+    /// Value under the old law.
     pub before: String,
-    /// Of the new one.
+    /// Value under the new law.
     pub after: String,
 }
 
-/// One state over all draws.
+/// The motion of one state over all draws.
 #[derive(Debug, Clone)]
 pub struct Fan {
-    /// The state.
+    /// Name of the state.
     pub name: String,
-    /// Its unit.
+    /// Unit of the state.
     pub unit: ShownUnit,
-    /// Of the old and of the new law: time, s, and where 5 %, half and 95 % of the draws lie.
+    /// For the old and the new law: time, s, and the quantiles 5 %, 50 % and 95 % of the draws.
     pub laws: [[Vec<f64>; 4]; 2],
 }
 
@@ -123,7 +123,7 @@ fn loops(report: &TuneReport) -> Section {
         if let Some((w, peak)) = report.frequencies.iter().zip(&values).max_by(|a, b| a.1.total_cmp(b.1)) {
             sensitivity.notes.push((*w, *peak, format!("{}: {peak:.1} dB", name)));
         }
-        // Those of past commands lie far to the left and say nothing.
+        // The poles of past commands are far to the left and carry no information.
         let shown = report.poles[law].iter().filter(|p| p.discrete[0].hypot(p.discrete[1]) > 0.7);
         let (x, y): (Vec<f64>, Vec<f64>) =
             shown.filter_map(|p| p.continuous).map(|[re, im]| (re, im)).unzip();

@@ -1,16 +1,17 @@
-//! Which variant of a comparison did best, in a sentence.
+//! A sentence on which variant of a comparison did best.
 
 use whirlstand_evaluate::summary::{Figure, RunSummary};
 
 use super::outcome::Expected;
 
-/// Figures of the tracked outputs that are counted; less is better in each.
+/// Figures of the tracked outputs that are compared; a smaller value is better for each.
 const COUNTED: [&str; 5] = ["peak", "recovery_s", "settling_s", "overshoot_percent", "iae"];
-/// What differs by less is a draw.
+/// Relative difference below which two figures count as equal.
 const DRAW: f64 = 1e-3;
 
-/// Which of several variants is best in most figures of the tracked outputs, and which moves its inputs least. Only those
-/// that hold every expectation are ranked. Nothing for a single run, or when no figure tells them apart.
+/// The variant that is best in most figures of the tracked outputs, and the one that moves its inputs least. Only
+/// variants that satisfy every expectation are ranked. `None` for a single run, or when no figure distinguishes
+/// the variants.
 pub fn winner(summaries: &[RunSummary], expected: &[Expected]) -> Option<String> {
     if summaries.len() < 2 {
         return None;
@@ -58,7 +59,7 @@ fn named<'a>(ranked: &[&'a RunSummary], which: impl Fn(usize) -> bool) -> Vec<&'
     ranked.iter().enumerate().filter(|(i, _)| which(*i)).map(|(_, s)| s.name.as_str()).collect()
 }
 
-/// The variant whose figure is least by more than a draw; one that never got there is worst.
+/// The variant whose figure is smallest by more than [`DRAW`]; a variant without a value is worst.
 fn best(ranked: &[&RunSummary], key: &str) -> Option<usize> {
     let value = |s: &&RunSummary| match s.figure(key) {
         Some(Figure::Value(v)) => Some(v),
@@ -69,7 +70,7 @@ fn best(ranked: &[&RunSummary], key: &str) -> Option<usize> {
     least(&values)
 }
 
-/// Where the least of all values stands, unless others are as good.
+/// Index of the smallest value; `None` when another value is equally good.
 fn least(values: &[f64]) -> Option<usize> {
     let (at, least) = values.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
     let beyond = least + DRAW * least.abs();
@@ -77,7 +78,7 @@ fn least(values: &[f64]) -> Option<usize> {
     alone.then_some(at)
 }
 
-/// The variant that moves every input least (total variation).
+/// The variant with the least total variation of every input.
 fn quietest<'a>(ranked: &[&'a RunSummary]) -> Option<&'a str> {
     let mut quietest =
         ranked.first()?.inputs.keys().map(|name| best(ranked, &format!("{name}.travel_per_s")));

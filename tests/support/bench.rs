@@ -1,11 +1,11 @@
-//! A running bench seen from outside: its nodes' processes, and the files that it leaves.
+//! Access to a running bench from outside: its nodes' processes, and the files that it leaves.
 
 use std::path::PathBuf;
 use std::time::Instant;
 
 use super::{HUNG, Running};
 
-/// A bench name that no other test has.
+/// A bench name that is unique among all tests.
 pub fn unique(name: &str) -> String {
     format!("test-{name}-{}", std::process::id())
 }
@@ -53,7 +53,7 @@ pub fn gone(pid: i32) {
     }
 }
 
-/// Files of the bench where shared memory, its files, locks and sockets live.
+/// Files of the bench in the folders of shared memory, its files, locks and sockets.
 pub fn residue(bench: &str) -> Vec<PathBuf> {
     // SAFETY: geteuid(2) only reads the process's own user.
     let runtime = format!("/dev/shm/whirlstand-{}", unsafe { libc::geteuid() });
@@ -68,7 +68,7 @@ pub fn residue(bench: &str) -> Vec<PathBuf> {
     all
 }
 
-/// Nothing of the bench is left where shared memory and its files live.
+/// Asserts that nothing of the bench is left in shared memory or its files.
 #[track_caller]
 pub fn no_residue(name: &str) {
     assert_eq!(residue(&unique(name)), Vec::<PathBuf>::new(), "left behind");

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::{json, run};
 
-/// What differs from one to the next.
+/// The parts in which these launch files differ.
 pub struct Bridged<'a> {
     /// `bridge` of the plant's node, and the table of its link.
     pub bridge: &'a str,
@@ -21,7 +21,7 @@ pub struct Bridged<'a> {
 }
 
 impl Bridged<'_> {
-    /// Writes it as `bridge.toml`. Keys of `more` begin in line 17.
+    /// Writes the launch file as `bridge.toml`. Keys of `more` begin in line 17.
     pub fn write(&self, dir: &Path) -> PathBuf {
         let Self { bridge, vehicle, rate_hz, duration_s, safety, link, more } = self;
         let text = format!(
@@ -50,7 +50,7 @@ link = "{link}"
     }
 }
 
-/// Steps of both angles, by turns, over a minute and a half.
+/// Setpoint steps of both angles in turn, over a minute and a half.
 pub fn setpoints() -> String {
     let step = |k: u32| {
         let (roll, pitch) = ([6, -4, 0, 5, -6][k as usize % 5], [0, 5, -6, 4][k as usize % 4]);
@@ -62,8 +62,8 @@ pub fn setpoints() -> String {
     (1..70).map(step).collect()
 }
 
-/// The record `out` of the paper's quadrotor is one of two stretches in which the controller flew, and of a pilot's in between, in
-/// which somebody pushed the vehicle: of that nothing is learned, and it is said.
+/// The record `out` of the paper's quadrotor has two stretches flown by the controller and one by a pilot in
+/// between, in which the vehicle was pushed. The pilot's stretch is not used, and the user is told.
 pub fn what_the_controller_flew_alone_is_learned_from(out: &str, vehicle: &str, structure: &str) {
     let answer = Path::new(out).with_extension("json");
     let told = ["--json", answer.to_str().unwrap()];
@@ -74,13 +74,13 @@ pub fn what_the_controller_flew_alone_is_learned_from(out: &str, vehicle: &str, 
     let value = gain["value"].as_f64().unwrap();
     assert!((-1.5..-0.8).contains(&value), "-1.1045 in truth: {gain}\n{}", identified.stdout);
 
-    // What it knows by then is enough here.
+    // The results found by then are enough here.
     let diagnosed = run(["diagnose", out, "--vehicle", vehicle, "--budget", "30 s"].iter().chain(&told));
     assert!([0, 3].contains(&diagnosed.code()), "{}", diagnosed.stderr);
     assert!(diagnosed.stderr.contains("in 2 stretches; nothing else is used"), "{}", diagnosed.stderr);
     println!("{}", diagnosed.stdout);
     let causes = json(&answer)["causes"].clone();
-    // The push is a pulse; how late a busy machine's frames come may have a rhythm of its own, and is in the record.
+    // The push is a pulse. The delay of a busy machine's frames may be periodic, and that is in the record.
     let pushes = ["step_disturbance", "pulse_disturbance"];
     let pushed = |cause: &Value| pushes.contains(&cause["effect"].as_str().unwrap());
     assert!(!causes.as_array().unwrap().iter().any(pushed), "{}", diagnosed.stdout);

@@ -1,4 +1,4 @@
-//! A page in a real browser without a screen, asked through its developer tools: over two pipes, without a port
+//! A page in a real headless browser, controlled through its developer tools over two pipes, without a port
 //! (https://chromedevtools.github.io/devtools-protocol/, `--remote-debugging-pipe`).
 
 use std::io::{BufRead, BufReader, Write};
@@ -28,7 +28,7 @@ impl Page {
     #[track_caller]
     pub fn open(browser: &Path, url: &str) -> Self {
         let profile = tempfile::tempdir().unwrap();
-        // The browser hears on file 3 and speaks on file 4.
+        // The browser reads on file 3 and writes on file 4.
         let mut command = Command::new("sh");
         command
             .args(["-c", "exec \"$0\" \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1"])
@@ -75,7 +75,7 @@ impl Page {
         answer["result"]["value"].clone()
     }
 
-    /// Waits until an expression is true, or a page that is being loaded has become one in which it is.
+    /// Waits until an expression is true, also in a page that is still being loaded.
     #[track_caller]
     pub fn wait_for(&mut self, expression: &str) {
         let until = Instant::now() + HUNG;
@@ -85,7 +85,7 @@ impl Page {
         );
         while Instant::now() < until {
             let asked = json!({ "expression": promise, "awaitPromise": true, "returnByValue": true });
-            // A page that was replaced meanwhile has no answer.
+            // A page that was replaced in between gives no answer.
             if self.ask("Runtime.evaluate", asked)["result"]["value"] == true {
                 return;
             }
@@ -103,7 +103,7 @@ impl Page {
         self.ask("Input.dispatchMouseEvent", event);
     }
 
-    /// Sets something of the page itself, as a device would.
+    /// Sets a property of the page's environment, as a device would.
     #[track_caller]
     pub fn emulate(&mut self, what: &str, parameters: Value) {
         self.ask(&format!("Emulation.{what}"), parameters);

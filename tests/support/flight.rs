@@ -9,10 +9,10 @@ use whirlstand_test_harness::{Missing, python};
 
 use super::{FAULTS_ALLOWED, Finished, Running, json, spawn, whirlstand};
 
-/// Roll may be pushed so far by the gust, rad, and is back after so long, s.
+/// Greatest roll from the gust, rad, and longest time until it has recovered, s.
 const PEAK: f64 = 0.35;
 
-/// A flight that is over.
+/// A finished flight.
 pub struct Flight {
     pub summary: Value,
     pub report: Value,
@@ -24,7 +24,7 @@ impl Flight {
         &self.summary["runs"][0]["outputs"]["roll"]
     }
 
-    /// The vehicle came back from the gust, nobody was lost, and the stand-in saw nothing wrong.
+    /// Asserts that the vehicle recovered from the gust, no node was lost, and the stand-in found no error.
     #[track_caller]
     pub fn well(self) -> Self {
         assert_eq!(self.report["faults"], serde_json::json!([]), "{}", self.stderr);
@@ -37,7 +37,7 @@ impl Flight {
         self
     }
 
-    /// What the bridge refused.
+    /// Number of messages that the bridge refused.
     pub fn rejected(&self) -> u64 {
         self.summary["runs"][0]["timing"]["nodes"]["controller"]["rejected"].as_u64().unwrap_or(0)
     }
@@ -52,7 +52,7 @@ pub struct Flying {
 }
 
 impl Flying {
-    /// Waits until the bench says something, and shows (`--nocapture`) when it did.
+    /// Waits until the bench prints `words`, and shows (`--nocapture`) when it did.
     #[track_caller]
     pub fn wait_for(&mut self, words: &str) {
         self.bench.wait_for_stderr(words);
@@ -76,7 +76,7 @@ pub fn free_udp() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// Lets the quadrotor take off with a stand-in; `changes` end the command line.
+/// Starts a flight of the quadrotor with a stand-in; `changes` end the command line.
 pub fn take_off(
     bridge: &str,
     program: &str,
@@ -98,7 +98,7 @@ pub fn take_off(
     set(format!("nodes.autopilot.exec={exec:?}"));
     set("nodes.autopilot.ready=start".into());
     set("setpoint=[]".into());
-    // Deadlines of a busy test machine are not what is tested, nor is a stand-in that starts again on purpose.
+    // Deadlines of a busy test machine are not tested here, nor is a stand-in that restarts on purpose.
     set(if rest.contains(&"lockstep") { "expect={}" } else { FAULTS_ALLOWED }.into());
     options.iter().cloned().for_each(&mut set);
     args.extend(rest.iter().map(ToString::to_string));
@@ -106,7 +106,7 @@ pub fn take_off(
     Ok(Flying { bench: spawn(whirlstand(&args)), started: Instant::now(), dir, report })
 }
 
-/// The whole flight.
+/// Runs a whole flight.
 #[track_caller]
 pub fn fly(
     bridge: &str,

@@ -1,4 +1,4 @@
-//! Somebody who sends datagrams that nobody asked for, as fast as told.
+//! A sender of unsolicited datagrams at a given rate.
 
 use std::net::UdpSocket;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ impl Flood {
             let mut next = std::iter::repeat_with(pairs).flatten();
             while !ends.load(Ordering::Relaxed) {
                 for (datagram, port) in next.by_ref().take(BATCH) {
-                    // Before and after the bench nobody has the port.
+                    // No process has the port before and after the bench.
                     let _ = socket.send_to(datagram, ("127.0.0.1", port));
                     counts.fetch_add(1, Ordering::Relaxed);
                 }
@@ -36,7 +36,7 @@ impl Flood {
         Self { stop, sent, thread: Some(thread) }
     }
 
-    /// How many were sent so far.
+    /// Number of datagrams sent so far.
     pub fn sent(&self) -> u64 {
         self.sent.load(Ordering::Relaxed)
     }
@@ -51,7 +51,7 @@ impl Drop for Flood {
     }
 }
 
-/// What a flood of nonsense is made of: single bytes, beginnings of frames, and bytes without any sense.
+/// Malformed datagrams: single bytes, beginnings of frames, and arbitrary bytes.
 pub fn garbage() -> Vec<Vec<u8>> {
     let mut state = 1u32;
     let mut byte = || {

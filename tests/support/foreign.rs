@@ -1,4 +1,4 @@
-//! Logs of other programs, byte by byte after their published formats.
+//! Logs of other programs, written byte by byte according to their published formats.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -29,7 +29,7 @@ pub fn ulog(topics: &[Topic]) -> Vec<u8> {
         let id = (id as u16).to_le_bytes();
         file.extend(message(b'A', &[&[0][..], &id, topic.name.as_bytes()].concat()));
     }
-    // A logger writes what comes in the order in which it comes.
+    // A logger writes samples in the order in which they arrive.
     let mut all: Vec<(f64, usize, &[f64])> = Vec::new();
     for (id, topic) in topics.iter().enumerate() {
         all.extend(topic.rows.iter().map(|(t, values)| (*t, id, &values[..])));
@@ -44,7 +44,7 @@ pub fn ulog(topics: &[Topic]) -> Vec<u8> {
     file
 }
 
-/// How the topics of an MCAP log are written.
+/// Encoding of the topics of an MCAP log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
     /// JSON objects.

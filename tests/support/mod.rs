@@ -25,11 +25,12 @@ use wait_timeout::ChildExt;
 /// Longest time that one run may take before it counts as hung.
 pub const HUNG: Duration = Duration::from_secs(120);
 
-/// What a run with injected faults, or in which a foreign program takes its time, may cost: with `--set`.
+/// Setting for `--set` that allows the failsafe and misses of a run with injected faults, or with a slow
+/// foreign program.
 pub const FAULTS_ALLOWED: &str = "expect={max_failsafe_share=1, max_disarmed_share=1, max_pilot_share=1, max_failsafe_at_end=1e9, max_refused_commands=1e9, \
                                   max_rejected=1e9, max_restarts=1e9}";
 
-/// What a finished command left behind.
+/// Result of a finished command.
 #[derive(Debug)]
 pub struct Finished {
     pub status: ExitStatus,
@@ -51,7 +52,7 @@ impl Finished {
     }
 }
 
-/// Runs a call that the user has to mend; the message must hold all of `words`.
+/// Runs a call that fails with an error that the user can correct; the message must contain all of `words`.
 #[track_caller]
 pub fn refused(args: &[&str], words: &[&str]) {
     let result = run(args);
@@ -67,7 +68,7 @@ pub struct Running {
     child: Child,
     stdout: Receiver<String>,
     stderr: Receiver<String>,
-    /// Lines of standard error as they come.
+    /// Lines of standard error as they arrive.
     pub stderr_lines: Receiver<String>,
     shown: String,
 }
@@ -84,8 +85,8 @@ impl Running {
         assert_eq!(result, 0, "kill({}, {signal})", self.pid());
     }
 
-    /// Returns when the command ends its search on a signal. It registers SIGTERM last: bit 14 of the mask of caught signals in
-    /// proc_pid_status(5).
+    /// Waits until the command has installed its handlers, after which a signal ends its search. It registers
+    /// SIGTERM last: bit 14 of the mask of caught signals in proc_pid_status(5).
     #[track_caller]
     pub fn wait_for_handlers(&self) {
         let until = Instant::now() + HUNG;
@@ -107,7 +108,8 @@ impl Running {
         self.child.try_wait().expect("ask for the end of the command").is_none()
     }
 
-    /// Waits for a line of standard error that contains `text`; fails with what was said when the command ends or hangs.
+    /// Waits for a line of standard error that contains `text`. Fails with the lines so far when the command ends
+    /// or hangs.
     #[track_caller]
     pub fn wait_for_stderr(&mut self, text: &str) -> String {
         let until = Instant::now() + HUNG;
@@ -154,7 +156,7 @@ impl Drop for Running {
     fn drop(&mut self) {
         self.kill_group();
         if std::thread::panicking() {
-            // Why one command waited in vain is often said by another.
+            // The output of another command often explains why one command waited in vain.
             let said: Vec<String> = self.stderr_lines.try_iter().collect();
             eprintln!("process {} had said:\n{}{}", self.pid(), self.shown, said.join("\n"));
         }
@@ -168,13 +170,13 @@ pub fn whirlstand<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) 
     command
 }
 
-/// Starts a command in its own process group, both outputs collected.
+/// Starts a command in its own process group, with both outputs collected.
 #[track_caller]
 pub fn spawn(command: Command) -> Running {
     start(command, Stdio::null(), Stdio::piped())
 }
 
-/// Starts two commands, the words of the second on the standard input of the first.
+/// Starts two commands, with the output of the second as the standard input of the first.
 #[track_caller]
 pub fn spawn_listening(listener: Command, speaker: Command) -> (Running, Running) {
     let mut listener = start(listener, Stdio::piped(), Stdio::piped());
@@ -227,7 +229,7 @@ pub fn json(path: impl AsRef<Path>) -> Value {
     serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// What a stand-in heard on its standard input, by its report.
+/// Lines that a stand-in read from its standard input, according to its report.
 #[track_caller]
 pub fn said(report: &Path) -> Vec<String> {
     let report = json(report);

@@ -1,4 +1,4 @@
-//! The live page as a program sees it: its requests by hand, and the frames that it is sent.
+//! The live page as seen by a program: requests written by hand, and the received frames.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -8,10 +8,10 @@ use serde_json::Value;
 
 use super::{FAULTS_ALLOWED, HUNG, Running, spawn, whirlstand};
 
-/// What opens a bench to controls.
+/// Settings that open a bench to controls.
 pub const OPEN: [&str; 4] = ["--set", "plant.inject=true", "--set", "controller.pilot=true"];
 
-/// Address of the page that a command has said.
+/// Address of the page that a command has printed.
 #[track_caller]
 pub fn page_of(command: &mut Running) -> String {
     let line = command.wait_for_stderr("live page http");
@@ -19,7 +19,8 @@ pub fn page_of(command: &mut Running) -> String {
     url.to_string()
 }
 
-/// A quadrotor's bench that is open to controls and flies for long, its files below `out`, and the address of its page.
+/// A quadrotor's bench that is open to controls and flies for a long time, with its files below `out`, and the
+/// address of its page.
 #[track_caller]
 pub fn live_bench(name: &str, out: &Path) -> (Running, String) {
     let out = out.to_str().expect("utf-8 path");
@@ -30,7 +31,7 @@ pub fn live_bench(name: &str, out: &Path) -> (Running, String) {
     (bench, url)
 }
 
-/// Sends a request by hand; the reader stands before the answer.
+/// Sends a request written by hand; the reader is positioned before the answer.
 #[track_caller]
 pub fn request(url: &str, lines: &str, host: Option<&str>) -> BufReader<TcpStream> {
     let (authority, path) = url.trim_start_matches("http://").split_once('/').expect("a path");
@@ -51,7 +52,7 @@ pub fn status(reader: &mut BufReader<TcpStream>) -> String {
     line.split_whitespace().nth(1).unwrap_or_default().into()
 }
 
-/// Asks for a change as the page does; status and text of the answer.
+/// Requests a change as the page does. Returns status and text of the answer.
 #[track_caller]
 pub fn control(url: &str, body: &str) -> (String, String) {
     let head = format!("POST Content-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}", body.len());
@@ -67,7 +68,7 @@ pub fn frames_of(url: &str) -> String {
     format!("{base}events{query}")
 }
 
-/// Reads frames until one is as wanted.
+/// Reads frames until one satisfies `wanted`.
 #[track_caller]
 pub fn read_until(reader: &mut BufReader<TcpStream>, wanted: impl Fn(&Value) -> bool) -> Value {
     let mut line = String::new();

@@ -46,7 +46,7 @@ pub fn udp(server: SocketAddr, delay: Duration, loss: f64) -> SocketAddr {
 
 type Datagram = (Instant, SocketAddr, Vec<u8>);
 
-/// Sends each datagram when it is due; all are delayed alike, so they are due in the order in which they come.
+/// Sends each datagram when it is due. All have the same delay, so they are due in the order of their arrival.
 fn late(socket: Arc<UdpSocket>, delay: Duration) -> Sender<Datagram> {
     let (sender, queue) = channel::<Datagram>();
     let (never, due) = channel::<()>();
@@ -63,7 +63,8 @@ fn late(socket: Arc<UdpSocket>, delay: Duration) -> Sender<Datagram> {
     sender
 }
 
-/// Numerical Recipes' 32-bit linear congruential generator: enough to lose one datagram in a hundred.
+/// The 32-bit linear congruential generator of Numerical Recipes, sufficient for the loss of one datagram in
+/// a hundred.
 struct PseudoRandom(u32);
 
 impl PseudoRandom {

@@ -1,4 +1,4 @@
-//! What is kept of the steps of K flights side by side, and the figures that it makes of each.
+//! The stored steps of K flights side by side, and the figures of each flight.
 
 use multiversion::multiversion;
 use whirlstand_msgs::{MAX_STATES, Setpoint, flags};
@@ -12,7 +12,7 @@ use crate::output::{ErrorSum, OutputSum};
 use crate::summary::{MOST_LISTED, RunSummary};
 use crate::survey::{derivatives, parts};
 
-/// K flights, step by step. What does not differ between them is held once.
+/// K flights, step by step. Data common to all flights are stored once.
 #[derive(Debug, Clone)]
 pub(super) struct Gathered<const K: usize> {
     layout: Layout,
@@ -33,21 +33,21 @@ pub(super) struct Gathered<const K: usize> {
     converged: Vec<bool>,
     std: Vec<f64>,
     held: [u64; K],
-    /// Steps in the failsafe, and those at the end.
+    /// Steps in failsafe, and those of them at the end.
     failsafe: [[u64; 2]; K],
 }
 
-/// What was asked for.
+/// Setpoints of the outputs.
 #[derive(Debug, Clone)]
 struct Setpoints {
-    /// The last setpoint, and what it asks of each output.
+    /// The last setpoint, with its mask of tracked states.
     last: Option<([f64; MAX_STATES], u64)>,
     asked: Vec<f64>,
     steps: Vec<SetpointSteps>,
     tracked: Vec<bool>,
 }
 
-/// Times of a flight's changes of the disturbance, and the values from then on, row after row.
+/// Times at which the disturbance of a flight changes, and the values from then on, row by row.
 #[derive(Debug, Clone, Default)]
 struct Disturbed {
     t: Vec<f64>,
@@ -56,7 +56,7 @@ struct Disturbed {
 
 impl Setpoints {
     fn take(&mut self, t: f64, setpoint: &Setpoint, layout: &Layout) {
-        // What is wanted again changes no step of the setpoint.
+        // A repeated setpoint is no step of the setpoint.
         if self.last.as_ref().is_some_and(|(x, tracked)| (x, tracked) == (&setpoint.x, &setpoint.tracked)) {
             return;
         }
@@ -122,7 +122,7 @@ impl<const K: usize> Gathered<K> {
         }
     }
 
-    /// As the plant publishes it: when it changes.
+    /// Stores a disturbance when it changes, as the plant publishes it.
     fn take_disturbance(&mut self, t: f64, rows: &[[f64; K]]) {
         let rows = &rows[..self.layout.states];
         if self.t.len() > 1 && self.disturbance == rows {

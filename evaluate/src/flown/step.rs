@@ -1,4 +1,4 @@
-//! What is told of the steps of flights side by side.
+//! The data of a step of flights side by side.
 
 use whirlstand_msgs::Setpoint;
 
@@ -12,25 +12,25 @@ pub struct FlownStep<'a, const K: usize> {
     pub u: &'a [[f64; K]],
     /// Flags of `Truth`.
     pub flags: &'a [u32; K],
-    /// What disturbs the derivative of each state.
+    /// Disturbance of the derivative of each state.
     pub disturbance: &'a [[f64; K]],
-    /// What the laws were asked for.
+    /// Setpoint of the laws.
     pub setpoint: &'a Setpoint,
     /// The filters' normalised innovations squared.
     pub nis: &'a [f64; K],
-    /// Their degrees of freedom.
+    /// Degrees of freedom of the innovations.
     pub dof: u32,
     /// The standard deviations that the filters claim.
     pub std: &'a [f64],
-    /// Whether the filters say that they have converged.
+    /// Whether the filters report convergence.
     pub converged: bool,
 }
 
-/// What the nodes of the flight counted.
+/// Counts of the flight's nodes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct NodeCounts {
     /// Steps without a usable command.
     pub misses: u64,
-    /// What plant, estimator and controller refused.
+    /// Messages that plant, estimator and controller refused.
     pub rejected: [u64; 3],
 }

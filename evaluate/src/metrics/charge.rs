@@ -1,16 +1,17 @@
-//! Whose will a bench with a bridge followed, step by step.
+//! Who was in charge of a bench with a bridge, step by step.
 
 use whirlstand_msgs::{Autopilot, Sent, charge};
 
 /// What a fault of an [`Autopilot`] message means that is not armed.
 const NOT_ARMED: u32 = 3;
 
-/// Steps of a run behind a bridge, from the first in which the controller or the pilot was in charge, or the autopilot armed.
+/// Steps of a run behind a bridge, from the first one in which the controller or the pilot was in charge, or the
+/// autopilot was armed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct ChargeSteps {
-    /// All that were told of.
+    /// Number of all reported steps.
     told: u64,
-    /// Those from the first armed one on.
+    /// Number of steps from the first armed one on.
     flown: u64,
     disarmed: u64,
     pilot: u64,
@@ -47,7 +48,7 @@ impl ChargeSteps {
         }
     }
 
-    /// Steps that count.
+    /// Number of steps that count.
     pub(crate) fn of_steps(&self) -> u64 {
         self.flown
     }

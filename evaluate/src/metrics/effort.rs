@@ -22,7 +22,7 @@ pub struct Effort {
     pub saturated: f64,
 }
 
-/// The effort of an input while its samples come, in K flights side by side.
+/// Accumulates the effort of an input from its samples, in K flights side by side.
 #[derive(Debug, Clone)]
 pub(crate) struct EffortSum<const K: usize> {
     lower: f64,
@@ -68,7 +68,7 @@ impl<const K: usize> EffortSum<K> {
         }
     }
 
-    /// The effort of what came in flight `l` in an input in `unit`, a sample every `period_s` seconds.
+    /// The effort in flight `l`, of an input in `unit` with a sample every `period_s` seconds.
     pub fn finish(&self, l: usize, period_s: f64, unit: ShownUnit) -> Effort {
         let share = |sum: f64| if self.count > 0 { sum / self.count as f64 } else { 0.0 };
         let length = self.count.saturating_sub(1) as f64 * period_s;

@@ -49,7 +49,7 @@ pub fn nis_bounds(degrees: f64) -> (f64, f64) {
     (chi_square_quantile(0.025, degrees) / degrees, chi_square_quantile(0.975, degrees) / degrees)
 }
 
-/// A claimed standard deviation this close to the one at the end of the part has converged.
+/// Ratio of a claimed standard deviation to the one at the end of the part below which it has converged.
 const CONVERGED_WITHIN: f64 = 1.1;
 
 /// Sums over the errors of one state.
@@ -61,7 +61,7 @@ struct ErrorSum {
     count: u64,
 }
 
-/// Sums over the steps that are judged.
+/// Sums over the evaluated steps.
 #[derive(Debug, Clone, Default)]
 struct Sums {
     nis: f64,
@@ -99,7 +99,7 @@ impl Sums {
     }
 }
 
-/// What an estimate says of its own consistency.
+/// The values of an estimate that are needed for its consistency.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Claim {
     /// Time, s.
@@ -109,16 +109,16 @@ pub(crate) struct Claim {
     pub converged: bool,
 }
 
-/// The consistency of an estimator while its estimates come.
+/// Accumulates the consistency of an estimator from its estimates.
 ///
-/// Convergence is what the estimator flags. One that flags nothing until the end of the part (the gains of a filter with
-/// bias states go on falling, slowly, for minutes) is judged from where the standard deviation of every state has come
-/// within 10 % of what it is there.
+/// Convergence is taken from the estimator's flag. An estimator that never sets it until the end of the part (the
+/// gains of a filter with bias states decrease slowly for minutes) is evaluated from the time at which the
+/// standard deviation of every state is within 10 % of its final value.
 #[derive(Debug, Clone)]
 pub(crate) struct ConsistencySum {
     until_s: f64,
     states: usize,
-    /// What no state may claim beyond, from where the filter has converged.
+    /// Greatest claimed standard deviation of each state that counts as converged.
     most_claimed: Vec<f64>,
     flagged: Sums,
     settled: Sums,

@@ -1,4 +1,4 @@
-//! When something happened in a run: steps of the setpoint and onsets of disturbances.
+//! Events of a run: steps of the setpoint and onsets of disturbances.
 
 use std::collections::BTreeMap;
 use whirlstand_msgs::units::ShownUnit;
@@ -25,11 +25,11 @@ pub struct DisturbanceEvent {
     pub unit: ShownUnit,
 }
 
-/// Number of changes up to which their median is exact; beyond, it is that of a histogram.
+/// Number of changes up to which their median is exact; beyond that it comes from a histogram.
 const EXACT_CHANGES: usize = 1 << 16;
 
-/// Bits of a float below the ten leading ones of its mantissa: numbers that agree in the rest are in one bucket,
-/// within a thousandth of each other.
+/// Bits of a float below the ten leading bits of its mantissa: numbers that agree in all other bits are in one
+/// bucket, within a thousandth of each other.
 const BUCKET_BITS: u32 = 42;
 
 /// Sizes of the changes of a disturbance from message to message.
@@ -73,7 +73,7 @@ impl Changes {
     }
 }
 
-/// The disturbance of one state's derivative while onsets are looked for.
+/// The disturbance of one state's derivative during the search for onsets.
 #[derive(Debug, Clone)]
 struct StateOnsets {
     name: String,
@@ -82,9 +82,9 @@ struct StateOnsets {
     continuous: bool,
     threshold: f64,
     before: f64,
-    /// Nothing but zeros so far.
+    /// Whether all values so far were zero.
     still: bool,
-    /// Onsets that are not over: value before, change, number of the event.
+    /// Onsets that have not ended: value before, change, number of the event.
     open: Vec<(f64, f64, usize)>,
 }
 
@@ -136,7 +136,7 @@ impl Onsets {
             if change == 0.0 {
                 continue;
             }
-            // The end of a pulse is not a disturbance of its own.
+            // The end of a pulse is not counted as a disturbance.
             let ends = value.abs() < old.abs() && old.signum() == -change.signum();
             let starts = first || state.continuous && still;
             if ends && !state.continuous

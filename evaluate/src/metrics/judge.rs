@@ -1,25 +1,25 @@
-//! Judges the parts of one output's record that follow a step or a disturbance, while the record is read.
+//! Evaluates the parts of one output's record that follow a step or a disturbance, while the record is read.
 
 use std::collections::VecDeque;
 
 use super::{Recovery, StepResponse, recovery, step_response};
 
-/// Most samples of a part that are judged, and so held: two minutes at 1 kHz, eleven at 200 Hz.
+/// Most samples of a part that are evaluated, and so stored: two minutes at 1 kHz, eleven at 200 Hz.
 const MOST_SAMPLES: usize = 1 << 17;
 
-/// How far back before a part it is looked at how quiet the signal was, s.
+/// Time before a part over which the level and spread of the signal are measured, s.
 const QUIET_S: f64 = 1.0;
 
 /// A part is averaged over at most this share of its samples to either side.
 const SMOOTHED_SHARE: usize = 40;
 
-/// Samples between two looks at what can be forgotten.
+/// Number of samples between two removals of samples that are no longer needed.
 const FORGET_EVERY: usize = 4_096;
 
-/// A part of the record that is to be judged; times in s.
+/// A part of the record that is to be evaluated; times in s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Part {
-    /// From a step of the setpoint to a new value.
+    /// From a step of the setpoint to the value `to`.
     Step { at: f64, until: f64, to: f64 },
     /// From the onset of a disturbance.
     Disturbance { at: f64, until: f64 },
@@ -34,15 +34,15 @@ impl Part {
     }
 }
 
-/// What a part was worth.
+/// Result of the evaluation of a part.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Judgement {
     Step(StepResponse),
     Disturbance(Recovery),
 }
 
-/// Judges parts of the record of one output. It holds the samples of the part at hand, at most [`MOST_SAMPLES`], and those
-/// around it that its judgement needs.
+/// Evaluates parts of the record of one output. It stores the samples of the present part, at most
+/// [`MOST_SAMPLES`], and those around it that the evaluation needs.
 #[derive(Debug, Clone)]
 pub(crate) struct Judge {
     parts: VecDeque<Part>,
@@ -58,7 +58,7 @@ pub(crate) struct Samples<'a> {
     t: &'a [f64],
     y: &'a [f64],
     wanted: &'a [f64],
-    /// Most samples of a part that are judged.
+    /// Most samples of a part that are evaluated.
     most: usize,
 }
 
@@ -76,14 +76,14 @@ impl<'a> Samples<'a> {
         (from, until.clamp(from, from + self.most))
     }
 
-    /// What a part was worth; `None` where it is too short.
+    /// The result for a part; `None` where it is too short.
     pub fn judge(&self, part: Part) -> Option<Judgement> {
         let (from, end) = self.range(&part);
         let around = (end - from) / SMOOTHED_SHARE + 1;
         let quiet = self.t.partition_point(|t| *t < part.ends().0 - QUIET_S - 1e-9);
         let near = quiet.saturating_sub(around)..(end + around).min(self.t.len());
         let (t, y, wanted) = (&self.t[near.clone()], &self.y[near.clone()], &self.wanted[near]);
-        // A part that is longer than what is held is judged as far as that goes.
+        // A part longer than the stored samples is evaluated as far as they go.
         let last = self.t.get(end.wrapping_sub(1)).copied();
         let until = last.filter(|_| end - from == self.most).unwrap_or(part.ends().1);
         match part {
@@ -97,7 +97,7 @@ impl<'a> Samples<'a> {
 }
 
 impl Judge {
-    /// Will judge these parts, which are in the order of their starts.
+    /// A judge of these parts, which are in the order of their starts.
     pub fn new(parts: impl Into<VecDeque<Part>>) -> Self {
         Self {
             parts: parts.into(),
@@ -108,7 +108,8 @@ impl Judge {
         }
     }
 
-    /// Takes the next sample: time, value and setpoint (NaN where nothing is tracked). Gives what it completes to `found`.
+    /// Takes in the next sample: time, value and setpoint (NaN where nothing is tracked). Passes completed results
+    /// to `found`.
     pub fn take(&mut self, t: f64, y: f64, wanted: f64, found: &mut impl FnMut(Judgement)) {
         if self.parts.is_empty() {
             return;
@@ -125,19 +126,20 @@ impl Judge {
         }
     }
 
-    /// Judges what the end of the record leaves incomplete.
+    /// Evaluates the parts that the end of the record leaves incomplete.
     pub fn finish(mut self, found: &mut impl FnMut(Judgement)) {
         while let Some(part) = self.parts.pop_front() {
             self.held().judge(part).into_iter().for_each(&mut *found);
         }
     }
 
-    /// The samples that are held.
+    /// The stored samples.
     fn held(&self) -> Samples<'_> {
         Samples { t: &self.t, y: &self.y, wanted: &self.wanted, most: self.most_samples }
     }
 
-    /// Whether the samples of a part are there, and so many behind it that averaging does not feel the end.
+    /// Whether the samples of a part are complete, with so many after it that averaging is not affected by
+    /// the end.
     fn is_whole(&self, part: &Part) -> bool {
         let last = self.t.last().copied().unwrap_or(f64::NEG_INFINITY);
         let (at, until) = part.ends();
@@ -149,7 +151,7 @@ impl Judge {
         complete && self.t.len() > end + (end - from) / SMOOTHED_SHARE
     }
 
-    /// Forgets the samples that no part to come needs.
+    /// Removes the samples that no later part needs.
     fn forget(&mut self) {
         let now = self.t.last().copied().unwrap_or(0.0);
         let next = self.parts.front().map_or(now, |part| part.ends().0.min(now));

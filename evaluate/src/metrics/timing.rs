@@ -96,7 +96,7 @@ pub fn latency(histogram: &[u64], max_ns: u64) -> Option<Latency> {
     })
 }
 
-/// The sum of counts, which stays at the greatest number instead of beginning anew: a log can hold any.
+/// The sum of counts, saturating at the greatest number, because a log can hold any values.
 pub fn total(counts: impl IntoIterator<Item = u64>) -> u64 {
     counts.into_iter().fold(0, u64::saturating_add)
 }
@@ -118,23 +118,23 @@ fn node_timing(health: &NodeHealth) -> NodeTiming {
 /// Steps of a run in failsafe.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct FailsafeSteps {
-    /// All of them.
+    /// All steps in failsafe.
     pub steps: u64,
-    /// Those at the end, without a break.
+    /// Consecutive steps in failsafe at the end.
     pub at_end: u64,
     /// Steps of the run.
     pub of_steps: u64,
 }
 
 impl Timing {
-    /// Puts in whose will a bridge followed.
+    /// Adds the shares of steps in which nobody or the pilot was in charge behind a bridge.
     pub(crate) fn witness_charge(&mut self, steps: &ChargeSteps) {
         (self.disarmed_share, self.pilot_share) = steps.shares();
         self.witness_failsafe(steps.failsafe, steps.failsafe_at_end, steps.of_steps());
     }
 
-    /// Puts failsafe steps in that another witness counted, where that is more than is known here: a log can lack what
-    /// the nodes told while they ran, and the other way round.
+    /// Replaces the counts of failsafe steps by those of another source where they are greater: a log can lack
+    /// reports of the nodes, and the other way round.
     pub fn witness_failsafe(&mut self, steps_in_failsafe: u64, at_end: u64, of_steps: u64) {
         self.failsafe_steps = self.failsafe_steps.max(steps_in_failsafe);
         self.failsafe_at_end = self.failsafe_at_end.max(at_end);

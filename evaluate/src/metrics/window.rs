@@ -1,8 +1,8 @@
-//! A part of a record, its noise, and when it stays inside a band.
+//! A part of a record, its noise, and the time from which it stays inside a band.
 
 use whirlstand_logs::stats::{mad_std, median, moving_average, noise_multiple, white_noise_std};
 
-/// A part of one signal between two times, with enough before it to know how quiet the signal was.
+/// A part of one signal between two times, with enough samples before it to determine level and spread.
 pub(crate) struct Window<'a> {
     t: &'a [f64],
     y: &'a [f64],
@@ -20,7 +20,7 @@ pub(crate) struct Smoothed<'a> {
     pub y: Vec<f64>,
     /// Level and spread before the part, of the equally smoothed signal.
     pub quiet: Quiet,
-    /// What the motion before the part and the noise in it are not expected to exceed.
+    /// Bound that the motion before the part and the noise in it are not expected to exceed.
     pub reach: f64,
 }
 
@@ -60,15 +60,15 @@ impl<'a> Window<'a> {
     }
 }
 
-/// Level and spread of a signal while nothing happened yet.
+/// Level and spread of a signal before an event.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Quiet {
     /// Median.
     pub level: f64,
     /// Standard deviation about a straight line, robust.
     pub std: f64,
-    /// Whether the signal stood: the medians of both halves differ by no more than a tenth of the level, or than
-    /// six standard errors of a median.
+    /// Whether the signal was stationary: the medians of both halves differ by no more than a tenth of the
+    /// level, or than six standard errors of a median.
     pub stands: bool,
 }
 

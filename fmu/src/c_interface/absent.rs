@@ -1,11 +1,11 @@
-//! Functions that a library must have and that a vehicle has no use for: other kinds of simulation, types of which there
-//! is no variable, clocks, derivatives.
+//! Functions of FMI 3.0 that a library must export and that a vehicle does not use: other kinds of simulation,
+//! variable types that do not occur, clocks, derivatives.
 
 use std::ffi::c_void;
 
 use super::handle::{Handle, Status};
 
-/// Reading or writing variables of a type of which there is none: nothing can be asked for.
+/// Functions that read or write variables of a type that does not occur: only empty requests are valid.
 macro_rules! no_variables {
     ($($name:ident),+ $(,)?) => {$(
         #[unsafe(no_mangle)]
@@ -49,8 +49,8 @@ no_variables!(
     fmi3GetOutputDerivatives,
 );
 
-/// What the description says that the FMU cannot do. In C's calling conventions on all platforms of FMI, who calls
-/// clears the arguments, so that those that are not looked at need not be declared.
+/// Functions that the description declares as unsupported. In the C calling conventions of all platforms of FMI
+/// the caller removes the arguments, so unused ones need not be declared.
 macro_rules! unsupported {
     ($($name:ident),+ $(,)?) => {$(
         #[unsafe(no_mangle)]
@@ -87,7 +87,7 @@ unsupported!(
     fmi3ActivateModelPartition,
 );
 
-/// The kinds of simulation that a vehicle is not exported for.
+/// Functions for the kinds of simulation for which a vehicle is not exported.
 macro_rules! no_instance {
     ($($name:ident),+ $(,)?) => {$(
         #[unsafe(no_mangle)]

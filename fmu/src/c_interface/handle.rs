@@ -1,4 +1,4 @@
-//! What the tool holds: an instance with the tool's callback for messages, behind a pointer.
+//! The handle of a tool: an instance and the tool's callback for messages, behind a pointer.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,35 +17,35 @@ pub enum Status {
     Fatal = 4,
 }
 
-/// `fmi3LogMessageCallback`; tools may give none.
+/// `fmi3LogMessageCallback`, which a tool may leave null.
 pub type LogMessage = Option<unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char)>;
 
-/// `fmi3Instance` points to one.
+/// The target of an `fmi3Instance` pointer.
 pub struct Handle {
     pub instance: Instance,
     listener: Listener,
 }
 
-/// Whom messages go to.
+/// The receiver of messages.
 pub struct Listener {
     pub environment: *mut c_void,
     pub log: LogMessage,
-    /// The tool may switch messages off.
+    /// Whether messages are switched on.
     pub on: bool,
 }
 
 impl Listener {
     pub fn tell(&self, status: Status, text: &str) {
         let (Some(log), true) = (self.log, self.on) else { return };
-        // Neither text has a zero in it but by an error of ours, and then it is better not told than cut.
+        // A text with a zero would be an error of this program; it is then left out and not cut.
         let (Ok(category), Ok(text)) = (CString::new(LOG_CATEGORY), CString::new(text)) else { return };
-        // SAFETY: the standard has the tool keep the callback and its environment valid as long as the instance is;
-        // both texts live until the call returns.
+        // SAFETY: the standard requires the tool to keep the callback and its environment valid as long as the
+        // instance is; both texts live until the call returns.
         unsafe { log(self.environment, status as c_int, category.as_ptr(), text.as_ptr()) };
     }
 }
 
-/// A text of the tool, if it is one.
+/// A text of the tool, if it is valid UTF-8.
 ///
 /// # Safety
 /// `text` is null or points to a text that ends with a zero.
@@ -53,11 +53,11 @@ pub unsafe fn text<'a>(text: *const c_char) -> Option<&'a str> {
     if text.is_null() {
         return None;
     }
-    // SAFETY: as the caller has it.
+    // SAFETY: guaranteed by the caller.
     unsafe { CStr::from_ptr(text) }.to_str().ok()
 }
 
-/// The first `count` values at `start`; none when there is nothing.
+/// The first `count` values at `start`; empty for a null pointer.
 ///
 /// # Safety
 /// `start` is null, or `count` values can be read there until the caller returns.
@@ -65,11 +65,11 @@ pub unsafe fn values<'a, T>(start: *const T, count: usize) -> &'a [T] {
     if start.is_null() || count == 0 {
         return &[];
     }
-    // SAFETY: as the caller has it.
+    // SAFETY: guaranteed by the caller.
     unsafe { std::slice::from_raw_parts(start, count) }
 }
 
-/// As [`values`], to be written.
+/// As [`values`], for writing.
 ///
 /// # Safety
 /// `start` is null, or `count` values can be written there until the caller returns, by nobody else.
@@ -77,11 +77,11 @@ pub unsafe fn values_mut<'a, T>(start: *mut T, count: usize) -> &'a mut [T] {
     if start.is_null() || count == 0 {
         return &mut [];
     }
-    // SAFETY: as the caller has it.
+    // SAFETY: guaranteed by the caller.
     unsafe { std::slice::from_raw_parts_mut(start, count) }
 }
 
-/// Makes an instance from the archive's resources; what is wrong is told to `listener`.
+/// Makes an instance from the archive's resources; errors are reported to `listener`.
 pub fn instantiate(resources: Option<&str>, token: Option<&str>, listener: Listener) -> *mut Handle {
     let made = catch_unwind(|| {
         let resources =
@@ -100,12 +100,13 @@ pub fn instantiate(resources: Option<&str>, token: Option<&str>, listener: Liste
     }
 }
 
-/// Does something with an instance: an error is told to the tool, and a panic, which must not reach C, ends the instance.
+/// Calls a function on an instance. An error is reported to the tool. A panic, which must not reach C, ends the
+/// instance.
 ///
 /// # Safety
 /// `handle` is null or comes from [`instantiate`], is not freed, and no other call uses it now.
 pub unsafe fn with(handle: *mut Handle, call: impl FnOnce(&mut Instance) -> Result<(), CallError>) -> Status {
-    // SAFETY: as the caller has it.
+    // SAFETY: guaranteed by the caller.
     let Some(handle) = (unsafe { handle.as_mut() }) else { return Status::Error };
     match catch_unwind(AssertUnwindSafe(|| call(&mut handle.instance))) {
         Ok(Ok(())) => Status::Ok,
@@ -122,7 +123,7 @@ pub unsafe fn with(handle: *mut Handle, call: impl FnOnce(&mut Instance) -> Resu
 /// # Safety
 /// As [`with`].
 pub unsafe fn set_logging(handle: *mut Handle, on: bool) -> Status {
-    // SAFETY: as the caller has it.
+    // SAFETY: guaranteed by the caller.
     let Some(handle) = (unsafe { handle.as_mut() }) else { return Status::Error };
     handle.listener.on = on;
     Status::Ok

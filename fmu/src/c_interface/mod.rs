@@ -1,7 +1,8 @@
-//! The functions that a tool calls, by the names and signatures of FMI 3.0 (`fmi3FunctionTypes.h`).
+//! The functions that a tool calls, with the names and signatures of FMI 3.0 (`fmi3FunctionTypes.h`).
 //!
-//! The standard has a tool pass only instances that it got from `fmi3InstantiateCoSimulation` and has not freed, use one
-//! instance in one thread at a time, and pass arrays as long as it says. Every block of `unsafe` here rests on that.
+//! The standard requires a tool to pass only instances that it got from `fmi3InstantiateCoSimulation` and has not
+//! freed, to use one instance in one thread at a time, and to pass arrays of the stated length. Every `unsafe`
+//! block here relies on that.
 
 #![allow(non_snake_case, reason = "the standard names the functions")]
 
@@ -48,7 +49,7 @@ unsafe extern "C" fn fmi3InstantiateCoSimulation(
 ) -> *mut Handle {
     // SAFETY: see the module's head.
     let (resources, token) = unsafe { (text(resources), text(token)) };
-    // Why there is no instance is told in any case: the tool has nothing else to go by.
+    // The reason for a missing instance is always reported, because the tool has no other information.
     let listener = Listener { environment, log, on: true };
     let handle = instantiate(resources, token, listener);
     if !handle.is_null() {
@@ -79,7 +80,7 @@ unsafe extern "C" fn fmi3EnterInitializationMode(
     unsafe { with(handle, |instance| instance.enter_initialization(start)) }
 }
 
-/// Functions of an instance alone.
+/// Functions that take only an instance.
 macro_rules! plain {
     ($($name:ident => $method:ident),+ $(,)?) => {$(
         #[unsafe(no_mangle)]
@@ -151,7 +152,7 @@ unsafe extern "C" fn fmi3SetFloat64(
     unsafe { each(handle, (references, count), (given, given_count), Instance::set_float) }
 }
 
-/// Functions for the one variable of a type.
+/// Functions for a type with a single variable.
 macro_rules! scalar {
     ($($get:ident => $getter:ident, $set:ident => $setter:ident: $type:ty);+ $(;)?) => {$(
         #[unsafe(no_mangle)]

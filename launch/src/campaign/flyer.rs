@@ -1,4 +1,4 @@
-//! One flight of a campaign: its launch file with what it draws, in lockstep, in this thread.
+//! One flight of a campaign: the launch file with the drawn values, flown in lockstep in this thread.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -20,13 +20,13 @@ use crate::cli::{ModeArg, OverrideArgs, TransportArg};
 use crate::error::Failure;
 use crate::file::{Document, FoundFile, Jobs, LaunchFile, Plan, find, jobs_of};
 
-/// Limits that depend on the wall clock, of which a flight in one thread knows nothing.
+/// Limits on wall-clock timing. A flight in one thread has no wall-clock timing, so they do not apply to it.
 const OF_THE_CLOCK: [&str; 3] = ["max_deadline_misses", "max_latency_p99_s", "max_latency_s"];
 
-/// Steps of a flight that is held in memory while it is flown, a few hundred bytes each.
+/// Most steps of a flight that is held in memory while it is flown. A step takes a few hundred bytes.
 const MOST_HELD: u64 = 1 << 18;
 
-/// Fewer flights than this are flown one by one.
+/// Least number of flights that are flown side by side; fewer are flown one by one.
 const FEWEST_TOGETHER: usize = 4;
 
 /// Keys that cannot vary, because the columns of the table depend on them.
@@ -40,10 +40,10 @@ pub(super) struct Flyer {
     columns: Columns,
     digest: String,
     name: String,
-    /// Plans most flights from the first one.
+    /// Makes the plan of most flights from the plan of the first one.
     redrawn: Option<Redrawn>,
     pilots: Pilots,
-    /// Where the logs of long flights lie until they have been looked at.
+    /// Folder in which the logs of long flights are kept until they have been evaluated.
     scratch: TempDir,
 }
 
@@ -51,7 +51,7 @@ impl Flyer {
     /// Reads a campaign file and its launch file, and plans the first flight.
     ///
     /// # Errors
-    /// For everything that is wrong in either, with its place.
+    /// For everything that is wrong in either file, with its place.
     pub fn new(path: &Path) -> Result<Self, Failure> {
         let shown = path.display().to_string();
         let campaign = Campaign::open(path).map_err(Failure::mend)?;
@@ -93,7 +93,7 @@ impl Flyer {
         let first = flyer.read(0)?;
         let (campaign, own_effects) = (&flyer.campaign, flyer.own_effects);
         let redrawn = Redrawn::new(&flyer.launch.document, &first, campaign, own_effects);
-        // What it leaves out would show in one of these.
+        // A difference that `Redrawn` leaves out would show in one of these flights.
         let same = |redrawn: &Redrawn| {
             [0, 1, campaign.flights() - 1].into_iter().filter(|n| *n < campaign.flights()).all(|n| {
                 redrawn
@@ -111,7 +111,7 @@ impl Flyer {
         &self.campaign
     }
 
-    /// Name of the campaign: its file's.
+    /// Name of the campaign, which is the name of its file.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -120,7 +120,7 @@ impl Flyer {
         &self.columns
     }
 
-    /// Digest of all that decides what the flights are.
+    /// Digest of everything that determines the flights.
     pub fn digest(&self) -> &str {
         &self.digest
     }
@@ -146,14 +146,15 @@ impl Flyer {
             .map_err(|e| Failure::Mend(format!("flight {number} of the campaign cannot be flown: {e}")))
     }
 
-    /// The same, for one thread: from the first flight, where what is drawn is a number that can be put in its place.
+    /// The plan of flight `number` for one thread. It is made from the plan of the first flight where every drawn
+    /// value is a number that can be replaced there.
     fn plan(&self, number: u64) -> Result<Plan, Failure> {
         let redrawn = self.redrawn.as_ref();
         let plan = redrawn.and_then(|r| r.plan(&self.campaign.drawn(number, self.own_effects)));
         plan.map_or_else(|| self.read(number), Ok)
     }
 
-    /// The same, from the launch file.
+    /// The plan of flight `number` for one thread, read from the launch file.
     fn read(&self, number: u64) -> Result<Plan, Failure> {
         let mut jobs = self.jobs(number, Some(TransportArg::Inproc))?;
         // Variants were refused.
@@ -161,9 +162,10 @@ impl Flyer {
         job.map(|job| job.plan).ok_or_else(|| Failure::Mend(format!("{} has no run", self.campaign.launch)))
     }
 
-    /// Flies some flights, side by side where one law and filter are for all; whatever goes wrong with one is how it ended.
+    /// Flies some flights, side by side where one law and one filter serve all of them. A failure of a flight is
+    /// its result.
     pub fn fly_some(&self, numbers: &[u64]) -> Vec<Flight> {
-        // What goes wrong here goes wrong again in the flight that it belongs to.
+        // A failure here occurs again in the flight that it belongs to.
         let planned = |n: &u64| catch_unwind(AssertUnwindSafe(|| self.plan(*n).ok())).ok().flatten();
         let plans: Vec<Option<Plan>> = numbers.iter().map(planned).collect();
         let together = catch_unwind(AssertUnwindSafe(|| self.together(&plans))).ok().flatten();
@@ -172,7 +174,7 @@ impl Flyer {
         flights.map(|(number, plan)| self.fly(*number, plan, figures.next().flatten())).collect()
     }
 
-    /// The figures of flights side by side, as far as they need not be flown alone.
+    /// The figures of flights that are flown side by side; `None` for a flight that has to be flown alone.
     fn together(&self, plans: &[Option<Plan>]) -> Option<[Option<RunSummary>; LANES]> {
         let plans = plans.iter().map(Option::as_ref).collect::<Option<Vec<_>>>()?;
         let can = |plan: &&Plan| plan.config.recorder.is_some() && plan.config.steps <= MOST_HELD;
@@ -186,7 +188,7 @@ impl Flyer {
         Some(together_without_log(benches, &pilot))
     }
 
-    /// Flies one flight, unless its figures are there already.
+    /// Flies one flight, unless `figures` already holds its result.
     fn fly(&self, number: u64, plan: Option<Plan>, figures: Option<RunSummary>) -> Flight {
         let weights = self.columns.figures.iter();
         let weights = weights.map(|figure| self.weight(&figure.key, number)).collect();
@@ -230,7 +232,7 @@ impl Flyer {
         })
     }
 
-    /// What stands under `key` for the flight whatever it does: how much it counts.
+    /// The value under `key` that does not depend on the outcome of the flight: its weight.
     fn weight(&self, key: &str, number: u64) -> Option<f64> {
         if key == WEIGHT { self.campaign.weight(number) } else { None }
     }
@@ -241,7 +243,7 @@ impl Flyer {
         without_log(&plan.config, &pilot, &plan.name, |_| {}).map_err(|e| e.to_string())
     }
 
-    /// The figures of a flight that is too long to be held: from a log that is thrown away.
+    /// The figures of a flight that is too long to be held in memory: from a log that is deleted afterwards.
     fn recorded(&self, number: u64, plan: &Plan) -> Result<RunSummary, String> {
         let flight =
             InThread::new(self.scratch.path(), number).map_err(|e| format!("no folder for its log: {e}"))?;
@@ -257,7 +259,8 @@ fn launch_file(campaign: &Campaign, path: &Path) -> Result<FoundFile, Failure> {
     if beside.is_file() { find(&beside.to_string_lossy()) } else { find(&campaign.launch) }
 }
 
-/// A flight in one thread is one bench, of nodes that are part of this program.
+/// Refuses a launch file that is not one bench made only of nodes of this program: a flight in one thread can
+/// be nothing else.
 fn check_alone(file: &LaunchFile, launch: &str) -> Result<(), Failure> {
     if !file.variants.is_empty() {
         return Err(Failure::Mend(format!(
@@ -313,7 +316,7 @@ fn value(figures: &RunSummary, key: &str) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// What is compared of a flight's figures.
+    /// The part of a flight's figures that is compared.
     fn bits(
         flyer: &Flyer,
         figures: &Result<RunSummary, String>,
@@ -324,7 +327,7 @@ mod tests {
         Ok(flyer.columns.figures.iter().map(|figure| figure.key.as_str()).chain(counts).map(of).collect())
     }
 
-    /// Flies the campaign's flights without a log and with one, read from the launch file.
+    /// Flies the campaign's flights without a log and with one, both read from the launch file.
     fn same(campaign: &str) -> Vec<Result<RunSummary, String>> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("c.toml");
@@ -345,7 +348,7 @@ mod tests {
             direct
         };
         let flights: Vec<_> = (0..flyer.campaign.flights()).map(fly).collect();
-        // And side by side with as many copies as it takes.
+        // The same flights side by side, with as many copies as that takes.
         let plans: Vec<_> = (0..FEWEST_TOGETHER as u64)
             .map(|copy| flyer.plan(copy % flyer.campaign.flights()).ok())
             .collect();

@@ -1,4 +1,5 @@
-//! One bench in this thread, with a log that is looked at and thrown away: what it says is to the last bit what `run` logs.
+//! One bench in this thread, with a log that is evaluated and then deleted. The log's contents are bit for bit
+//! what `run` logs.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,14 +9,14 @@ use whirlstand_nodes::error::NodeError;
 use whirlstand_nodes::inproc::run_inproc;
 use whirlstand_nodes::os::StopFlag;
 
-/// A place for the log of one flight; it goes with this.
+/// A folder for the log of one flight; it is removed when this value is dropped.
 pub(super) struct InThread {
     folder: PathBuf,
     log: PathBuf,
 }
 
 impl InThread {
-    /// A place under `scratch`, which no other flight of the same number uses at the same time.
+    /// Makes a folder under `scratch` that no other flight of the same number uses at the same time.
     ///
     /// # Errors
     /// When the folder cannot be made.
@@ -30,10 +31,11 @@ impl InThread {
         &self.log
     }
 
-    /// Flies a bench to its end. `bench` names it, differently from every other of this machine.
+    /// Flies a bench to its end. `bench` is its name, which must differ from the name of every other bench on
+    /// this machine.
     ///
     /// # Errors
-    /// As for each node; the log then holds what was flown.
+    /// As for each node; the log then holds the steps that were flown.
     pub fn fly(&self, mut config: NodeConfig, bench: String) -> Result<(), NodeError> {
         config.bench = bench;
         if let Some(recorder) = &mut config.recorder {
@@ -45,7 +47,7 @@ impl InThread {
 
 impl Drop for InThread {
     fn drop(&mut self) {
-        // What stays goes with the scratch folder.
+        // A folder that cannot be removed is removed with the scratch folder.
         let _ = std::fs::remove_dir_all(&self.folder);
     }
 }

@@ -1,4 +1,4 @@
-//! What is done, flight by flight, so that a killed campaign goes on where it was.
+//! Journal of the finished flights of a campaign, from which a killed campaign resumes.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -9,24 +9,25 @@ use whirlstand_campaign::{Flight, TableInfo};
 
 use crate::error::Failure;
 
-/// A file of one line for each flight, behind a line on the campaign.
+/// A file with one line about the campaign and then one line for each finished flight.
 pub(super) struct Journal {
     path: PathBuf,
     file: File,
 }
 
 impl Journal {
-    /// Opens the journal of a part. With `resume` and a journal there, the flights in it come back; else it begins anew.
+    /// Opens the journal of a part of a campaign. With `resume` and an existing journal, the flights in it are
+    /// read back; otherwise the journal is begun anew.
     ///
     /// # Errors
-    /// When it cannot be written, or is of another campaign.
+    /// When it cannot be written, or belongs to another campaign.
     pub fn open(
         path: &Path,
         info: &TableInfo,
         resume: bool,
     ) -> Result<(Self, BTreeMap<u64, Flight>), Failure> {
         let done = if resume && path.exists() { earlier(path, info)? } else { BTreeMap::new() };
-        // Written anew rather than gone on with: the last line of a killed process can be half a line.
+        // The file is rewritten and not appended to: the last line of a killed process can be incomplete.
         let unfinished = path.with_extension("jsonl.part");
         let cannot = |e: std::io::Error| Failure::file("write", path, &e);
         let file =
@@ -40,7 +41,7 @@ impl Journal {
         Ok((journal, done))
     }
 
-    /// Keeps a flight.
+    /// Adds a flight to the journal.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -54,7 +55,7 @@ impl Journal {
         self.file.write_all(line.as_bytes()).map_err(|e| Failure::file("write", &self.path, &e))
     }
 
-    /// Everything is in the table now.
+    /// Removes the journal, once every flight is in the table.
     ///
     /// # Errors
     /// When it cannot be removed.
@@ -74,7 +75,7 @@ fn earlier(path: &Path, info: &TableInfo) -> Result<BTreeMap<u64, Flight>, Failu
             path.display()
         )));
     }
-    // Behind half a line there is nothing.
+    // Nothing follows an incomplete line.
     let flights = lines.map_while(Result::ok).map_while(|line| serde_json::from_str::<Flight>(&line).ok());
     Ok(flights.map(|flight| (flight.number, flight)).collect())
 }

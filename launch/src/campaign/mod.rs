@@ -33,7 +33,8 @@ use flyer::Flyer;
 use journal::Journal;
 use said::Said;
 
-/// Runs the command; exit code 130 when it was interrupted: what was done by then is kept and told.
+/// Runs the command. The exit code is 130 when it was interrupted; the flights that were finished by then are
+/// kept and reported.
 pub(crate) fn campaign(args: &CampaignArgs) -> Result<ExitCode, Failure> {
     match &args.action {
         None => fly(&args.fly),
@@ -56,7 +57,7 @@ fn fly(args: &CampaignFlyArgs) -> Result<ExitCode, Failure> {
     }
     let name = args.shard.map_or("flights".into(), part_name);
     let out = match &args.out {
-        // Parts are flown side by side into one folder.
+        // Several parts of a campaign may write into one folder at the same time.
         Some(path) if args.shard.is_some() => OutFolder::shared(path, &name)?,
         Some(path) => OutFolder::given(path)?,
         None => OutFolder::fresh(&folder_name(flyer.name()))?,
@@ -125,7 +126,7 @@ fn bar(flights: usize, done: usize) -> ProgressBar {
     bar
 }
 
-/// The flights in the order of their numbers.
+/// The flights, in the order of their numbers.
 fn table(info: TableInfo, flights: BTreeMap<u64, Flight>, enough: Option<u64>) -> Table {
     let info = TableInfo { flights: enough.unwrap_or(info.flights), ..info };
     Table { info, flights: flights.into_values().collect() }

@@ -1,4 +1,4 @@
-//! Laws and filters that are designed once and fly many flights.
+//! Laws and filters, each designed once and used in many flights.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -7,15 +7,15 @@ use whirlstand_nodes::NodeError;
 use whirlstand_nodes::config::NodeConfig;
 use whirlstand_nodes::flight::Pilot;
 
-/// Designs that are kept; a campaign that varies weights has a new one in every flight.
+/// Most designs that are kept. A campaign that varies weights has a new design in every flight.
 const MOST: usize = 16;
 
-/// The last designs, the one that was used last at the end.
+/// The designs used last, the most recent one at the end.
 #[derive(Default)]
 pub(super) struct Pilots(Mutex<VecDeque<Arc<Pilot>>>);
 
 impl Pilots {
-    /// Law and filter of this bench.
+    /// Law and filter of this bench, designed unless they are kept.
     ///
     /// # Errors
     /// As [`Pilot::new`].
@@ -23,7 +23,8 @@ impl Pilots {
         if let Some(known) = self.known(config) {
             return Ok(known);
         }
-        // Others need not wait; two that design the same at once are no harm.
+        // The lock is not held during the design, so that other threads need not wait. Two threads that make
+        // the same design do no harm.
         let new = Arc::new(Pilot::new(config)?);
         let mut pilots = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         pilots.push_back(Arc::clone(&new));

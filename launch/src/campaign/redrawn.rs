@@ -1,5 +1,5 @@
-//! The plan of a flight from that of the first one: a launch file is not read anew where all that differs are the seed,
-//! numbers of effects and initial states.
+//! The plan of a flight, derived from the plan of the first one. The launch file is not read again where only the
+//! seed, numbers of effects and initial states differ.
 
 use serde::Deserialize;
 use whirlstand_campaign::{Campaign, Value};
@@ -7,19 +7,19 @@ use whirlstand_vehicle::{Effect, Vehicle};
 
 use crate::file::{Document, Plan, at, initial_state};
 
-/// The plan of the first flight, and what is needed to change it.
+/// The plan of the first flight, and the data needed to change it.
 pub(super) struct Redrawn {
     first: Plan,
-    /// The vehicle without effects of the launch file.
+    /// The vehicle without the effects of the launch file.
     bare: Vehicle,
-    /// The effects of the launch file as they are written, with what the first flight draws.
+    /// The effects as the launch file writes them, with the values drawn for the first flight.
     effects: Vec<toml::Table>,
     duration_s: f64,
 }
 
 impl Redrawn {
-    /// From the plan of flight 0 of `campaign`, which was read from `launch`; `None` where the file does not hold what the
-    /// plan has.
+    /// From the plan of flight 0 of `campaign`, which was read from `launch`. `None` where the file does not hold
+    /// what the plan holds.
     pub fn new(launch: &Document, first: &Plan, campaign: &Campaign, own_effects: usize) -> Option<Self> {
         let mut document = launch.clone();
         for assignment in campaign.assignments(0, own_effects) {
@@ -34,7 +34,7 @@ impl Redrawn {
         Some(Self { first: first.clone(), bare, effects, duration_s })
     }
 
-    /// The plan of a flight that draws these values; `None` where the launch file has to be read for it.
+    /// The plan of a flight with these drawn values; `None` where the launch file has to be read for it.
     pub fn plan(&self, drawn: &[(String, Value)]) -> Option<Plan> {
         let mut plan = self.first.clone();
         let mut effects = self.effects.clone();
@@ -68,7 +68,7 @@ impl Redrawn {
         Some(plan)
     }
 
-    /// Whether two plans are of the same flight, whatever the texts in their logs.
+    /// Whether two plans describe the same flight; the texts in their logs may differ.
     pub fn flies_as(a: &Plan, b: &Plan) -> bool {
         let without_text = |plan: &Plan| {
             let mut config = plan.config.clone();
@@ -79,7 +79,7 @@ impl Redrawn {
     }
 }
 
-/// A drawn number as TOML has it; `None` for a word.
+/// A drawn number as a TOML value; `None` for a word.
 fn written(value: &Value) -> Option<toml::Value> {
     match value {
         Value::Whole(value) => Some(toml::Value::Integer(*value)),

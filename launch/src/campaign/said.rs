@@ -1,4 +1,4 @@
-//! What a campaign answers, as text and as JSON.
+//! The answer of a campaign, as text and as JSON.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -10,7 +10,7 @@ use whirlstand_logs::shown::{ShownUnit, number};
 /// Schema of the JSON answer.
 const SCHEMA: &str = "whirlstand.campaign.v1";
 
-/// What is answered.
+/// The data of the answer.
 #[derive(Debug, Serialize)]
 #[serde(into = "Answer")]
 pub(super) struct Said<'a> {
@@ -19,16 +19,16 @@ pub(super) struct Said<'a> {
     pub launch: &'a str,
     pub method: &'a str,
     pub seed: u64,
-    /// Flights of the whole, or of the part.
+    /// Number of flights of the whole campaign, or of the part.
     pub planned: u64,
     /// Wall-clock time; `None` where nothing was flown.
     pub wall_s: Option<f64>,
     /// Flights that this call flew.
     pub flown_now: u64,
     pub jobs: usize,
-    /// A signal ended it.
+    /// Whether a signal ended the campaign.
     pub partial: bool,
-    /// It ended early because enough was known.
+    /// Whether the campaign ended early because its stopping rule was met.
     pub enough: bool,
     pub table: Option<PathBuf>,
     pub report: Option<PathBuf>,
@@ -36,7 +36,7 @@ pub(super) struct Said<'a> {
     pub columns: &'a Columns,
 }
 
-/// The answer as JSON has it.
+/// The answer in the form of the JSON document.
 #[derive(Debug, Serialize)]
 struct Answer {
     schema: &'static str,
@@ -124,7 +124,7 @@ impl Said<'_> {
         let unit = |key: &str| {
             figures.iter().find(|figure| figure.key == key).map(|f| ShownUnit::named(&f.unit, &f.shown))
         };
-        // Limits of counts, such as of lost messages, are worth a line where they were broken.
+        // A limit on a count, such as that of lost messages, gets a line only where it was violated.
         let told = |l: &LimitFindings| unit(&l.key).is_some() || l.violated.count > 0;
         for limit in found.limits.iter().filter(|l| told(l)) {
             let wanted =
@@ -167,7 +167,7 @@ impl Said<'_> {
 }
 
 fn share(p: &Proportion) -> String {
-    // Rare events have few digits behind many zeros.
+    // The percentage of a rare event has many zeros before its first significant digit.
     let percent = |share: f64| match share {
         share if share > 0.0 && share < 1e-3 => format!("{:.1e}", 100.0 * share),
         share => number((1e4 * share).round() / 1e2),

@@ -1,4 +1,4 @@
-//! Flights side by side, some threads at a time, until all are flown, enough is known, or a signal comes.
+//! Runs flights in several threads until all are flown, enough is known, or a signal arrives.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -7,15 +7,15 @@ use std::time::Duration;
 use crate::error::Failure;
 use crate::supervisor::Signals;
 
-/// How often to look whether a signal came.
+/// Time between two checks for a signal.
 const GLANCE: Duration = Duration::from_millis(50);
 
-/// Flies each number of `todo`, `jobs` at a time, and hands what comes of it to `take` in this thread, in the order in which
-/// it comes. `take` answers whether it has enough. Returns whether a signal ended it before; flights that are under way come
-/// to their end in any case.
+/// Flies each number of `todo`, `jobs` at a time, and hands each result to `take` in this thread, in the order in
+/// which the results arrive. `take` answers whether it has enough. Returns whether a signal ended the work before
+/// that; flights that have begun are always finished.
 ///
 /// # Errors
-/// What `take` refuses, and when no signal can be listened for.
+/// The errors of `take`, and when no signal handler can be installed.
 pub(crate) fn side_by_side<T: Send>(
     todo: &[u64],
     jobs: usize,

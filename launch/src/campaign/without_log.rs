@@ -1,4 +1,4 @@
-//! One bench in this thread without bus and log: its figures are to the last bit those that its log would give.
+//! One bench in this thread without bus and log. Its figures are bit for bit those that its log would give.
 
 use whirlstand_evaluate::{Flown, FlownStep, FlownTogether, NodeCounts, RunSummary};
 use whirlstand_nodes::NodeError;
@@ -6,7 +6,7 @@ use whirlstand_nodes::config::NodeConfig;
 use whirlstand_nodes::flight::{Counts, LANES, Pilot, Step};
 use whirlstand_nodes::setup::Setup;
 
-/// Flies a bench with the law and filter of `pilot`; `each` sees every step.
+/// Flies a bench with the law and filter of `pilot`; `each` is called with every step.
 ///
 /// # Errors
 /// As [`Pilot::fly`].
@@ -40,7 +40,8 @@ fn node_counts(counts: &Counts) -> NodeCounts {
     NodeCounts { misses: counts.misses, rejected: [counts.rejected, filter, law] }
 }
 
-/// Flies benches with the law and filter of `pilot` side by side, each with a name; `None` for one that has to be flown alone.
+/// Flies benches with the law and filter of `pilot` side by side. Each bench has a name; the result is `None` for
+/// one that has to be flown alone.
 pub(super) fn together_without_log(
     benches: [(&NodeConfig, &str); LANES],
     pilot: &Pilot,

@@ -1,4 +1,4 @@
-//! The flights of a campaign, until all are flown, enough is known, or a signal comes.
+//! Flies a campaign until all flights are flown, enough is known, or a signal arrives.
 
 use std::collections::BTreeMap;
 
@@ -11,21 +11,21 @@ use super::journal::Journal;
 use super::side_by_side::side_by_side;
 use crate::error::Failure;
 
-/// Flights between two looks whether enough is known. Only flights without a gap before them count, so that the end does
-/// not depend on which thread was faster.
+/// Flights between two checks whether enough is known. Only the flights up to the first missing number count, so
+/// that the end does not depend on which thread was faster.
 const BATCH: usize = 64;
 
-/// What is known when the flights end.
+/// The flights that are known when the campaign ends.
 pub(super) struct Flown {
-    /// The flights, by number.
+    /// The flights by number.
     pub flights: BTreeMap<u64, Flight>,
-    /// So many are the campaign, where it ended early because enough was known.
+    /// Number of flights of the campaign where it ended early because enough was known.
     pub enough: Option<u64>,
-    /// A signal ended it.
+    /// Whether a signal ended the campaign.
     pub interrupted: bool,
 }
 
-/// Flies `numbers` beside what is `done` already.
+/// Flies `numbers` in addition to the flights in `done`.
 ///
 /// # Errors
 /// When the journal cannot be written.
@@ -43,7 +43,7 @@ pub(super) fn fly_all(
     if enough(&mut width, &mut flown) {
         return Ok(flown);
     }
-    // As many as fly side by side, or fewer, so that no thread is left without.
+    // As many flights in a group as fly side by side, or fewer, so that every thread has work.
     let groups: Vec<&[u64]> = todo.chunks(LANES.min(todo.len().div_ceil(jobs)).max(1)).collect();
     let numbers_of_groups: Vec<u64> = (0..groups.len() as u64).collect();
     flown.interrupted = side_by_side(
@@ -63,16 +63,17 @@ pub(super) fn fly_all(
     Ok(flown)
 }
 
-/// When to end early.
+/// The stopping rule: the campaign ends when the confidence interval of the share of failed flights is at
+/// most `width` wide.
 struct Width {
     width: f64,
-    /// Flights without a gap before them, and those of them that broke a limit.
+    /// Flights up to the first missing number, and how many of them failed.
     seen: u64,
     broken: u64,
     next: u64,
 }
 
-/// Whether the flights that are there suffice.
+/// Whether the finished flights suffice.
 fn enough(width: &mut Option<Width>, flown: &mut Flown) -> bool {
     let Some(width) = width else { return false };
     while let Some(flight) = flown.flights.get(&width.next) {

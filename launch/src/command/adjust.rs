@@ -10,7 +10,7 @@ use crate::cli::{InjectArgs, JsonArg, SetArgs, WhichBenchArgs};
 use crate::error::Failure;
 use crate::live::{BenchCard, Told, Wanted, ask};
 
-/// Exit code when the bench refuses something: the user can ask for something else.
+/// Exit code when the bench refuses a request: the user can change the request.
 const REFUSED: u8 = 2;
 
 /// Runs `whirlstand inject`.

@@ -1,4 +1,5 @@
-//! `whirlstand bench`: measures this machine, next to the bare floor that it can reach.
+//! `whirlstand bench`: measures this machine and compares it with the lower bound that the bare system
+//! reaches.
 
 use std::process::ExitCode;
 
@@ -45,7 +46,8 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
     let quiet = args.json.is_printed();
     let report = run(&options, |figure| {
         if !quiet {
-            // A reader that is gone does not stop the measurement, and the last words say what could not be written.
+            // A reader that has closed the pipe does not stop the measurement; the closing lines report what could
+            // not be written.
             let _ = print(&line(figure));
         }
     })
@@ -61,7 +63,8 @@ pub(crate) fn bench(args: &BenchArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::from(u8::from(missed > 0)))
 }
 
-/// Runs one process of a measurement: its task comes on standard input, its report goes to standard output.
+/// Runs one process of a measurement: its task is read from standard input, its report is written to standard
+/// output.
 fn member() -> Result<ExitCode, Failure> {
     let member: Member = serde_json::from_reader(std::io::stdin())
         .map_err(|e| Failure::Mend(format!("--member is for the program itself: {e}")))?;

@@ -1,4 +1,4 @@
-//! `whirlstand bridge`: checks real hardware.
+//! `whirlstand bridge`: checks the axes of real hardware.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -13,14 +13,14 @@ use crate::error::Failure;
 use crate::file::jobs;
 use crate::style;
 
-/// Dispatches the calls.
+/// Runs the subcommand.
 pub(crate) fn bridge(command: &BridgeCommand) -> Result<ExitCode, Failure> {
     match command {
         BridgeCommand::Check(args) => check(args),
     }
 }
 
-/// Exit code 1 when an axis is wrong, or something could not be checked.
+/// Checks the axes. The exit code is 1 when an axis is wrong, or could not be checked.
 fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
     let overrides = OverrideArgs { set: args.set.clone(), ..OverrideArgs::default() };
     let jobs = jobs(&args.launch, &overrides, true)?;

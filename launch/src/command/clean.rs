@@ -1,4 +1,4 @@
-//! `whirlstand clean`: what runs that were killed left on this machine, and its removal.
+//! `whirlstand clean`: finds and removes the files that killed runs left on this machine.
 
 use std::process::ExitCode;
 
@@ -10,26 +10,26 @@ use crate::error::Failure;
 use crate::exclusive::{StaleRun, remove, stale};
 use crate::style;
 
-/// What the command found and did.
+/// The files that were found, and what was removed.
 #[derive(Debug, Serialize)]
 struct Cleaned {
     schema: &'static str,
-    /// Whether nothing was removed on purpose.
+    /// Whether this is a dry run, in which nothing is removed.
     dry_run: bool,
     benches: Vec<Bench>,
-    /// Files of all benches.
+    /// Number of files of all benches.
     files: usize,
     /// Memory and disk of all benches, bytes.
     bytes: u64,
 }
 
-/// One bench, and what became of it.
+/// The files of one bench, and whether they were removed.
 #[derive(Debug, Serialize)]
 struct Bench {
     #[serde(flatten)]
     left: StaleRun,
     removed: bool,
-    /// Why it could not be removed.
+    /// Reason why the files could not be removed.
     #[serde(skip_serializing_if = "Option::is_none")]
     problem: Option<String>,
 }
@@ -56,7 +56,7 @@ pub(crate) fn clean(args: &CleanArgs) -> Result<ExitCode, Failure> {
     Ok(if failed { ExitCode::from(1) } else { ExitCode::SUCCESS })
 }
 
-/// Removes what killed runs left, and says so. That something stays is no reason not to fly.
+/// Removes and reports what killed runs left. A file that cannot be removed does not prevent a flight.
 pub(crate) fn tidy(quiet: bool) {
     let left = stale().unwrap_or_else(|e| {
         tracing::warn!("cannot search for what killed runs left behind: {e}");

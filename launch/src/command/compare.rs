@@ -61,7 +61,8 @@ fn with_simulation(args: &CompareArgs, log: &Path, vehicle: &str) -> Result<Exit
     Ok(ExitCode::SUCCESS)
 }
 
-/// That columns are in a wrong unit, or the record is of another vehicle; what cannot be looked at is not told.
+/// A message when columns are in a wrong unit or the record is of another vehicle; `None` also when this cannot
+/// be checked.
 fn wrong_data(record: Record, vehicle: &Vehicle, options: &CompareOptions) -> Option<String> {
     let (from, until) = (options.from_s, options.until_s);
     let part = record.between(from.unwrap_or(f64::NEG_INFINITY), until.unwrap_or(f64::INFINITY));
@@ -97,7 +98,7 @@ fn options(args: &CompareArgs) -> Result<CompareOptions, Failure> {
     })
 }
 
-/// Several runs side by side, as a launch file's variants are.
+/// Compares several runs side by side, as the variants of a launch file are.
 fn runs(logs: &[PathBuf], args: &CompareArgs) -> Result<ExitCode, Failure> {
     let names = names(logs);
     let runs = logs
@@ -133,7 +134,7 @@ fn runs(logs: &[PathBuf], args: &CompareArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Names of runs, from the first part of their paths, from the end, in which they differ.
+/// Names of runs: the first path component, counted from the end, in which all paths differ.
 fn names(logs: &[PathBuf]) -> Vec<String> {
     let parts = |log: &PathBuf| -> Vec<String> {
         let parts = log.components().rev().map(|c| c.as_os_str().to_string_lossy().into_owned());

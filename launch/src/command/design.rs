@@ -20,7 +20,7 @@ use crate::error::Failure;
 use crate::file::{Document, Plan, plan};
 use crate::style;
 
-/// Poles at the origin up to which each has a line.
+/// Most poles at the origin that are listed one by one.
 const MOST_DELAY_LINES: usize = 8;
 
 /// Runs the command.
@@ -46,7 +46,7 @@ pub(crate) fn design(args: &DesignArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Goes the way of a launch file, so that every option means here what it means there.
+/// A plan made as a launch file makes it, so that every option has the same meaning here and there.
 pub(super) fn controller_plan(
     vehicle: &str,
     law: &str,
@@ -73,7 +73,7 @@ fn designed(args: &DesignArgs) -> Result<(Vehicle, Design), Failure> {
             "--law manual: there is nothing to design; lqr, ppc or smc is expected".into(),
         ));
     };
-    // Not the whole setup of a node: a vehicle can be designed for before the bus carries its outputs.
+    // The node's full setup is not used: a vehicle can be designed for before the bus can carry its outputs.
     let source = &plan.config.vehicle;
     let vehicle = Vehicle::parse(&source.text, &source.origin).map_err(Failure::mend)?;
     let plant = Setup::plant_of(&vehicle, Setup::period_s(&plan.config)).map_err(Failure::mend)?;
@@ -85,7 +85,7 @@ fn designed(args: &DesignArgs) -> Result<(Vehicle, Design), Failure> {
     Ok((vehicle, design))
 }
 
-/// The loop with the filter of the launch file's defaults; where it cannot be had, why.
+/// The loop with the filter that a launch file has by default, or the reason why there is none.
 fn estimated(vehicle: &Vehicle, design: &Design, linear: &LinearModel, plan: &Plan) -> LoopFigures {
     let every: Vec<u32> = vehicle.outputs.iter().map(|o| o.every).collect();
     filter_of(vehicle, &design.plant, &plan.config.estimator, Engine::Flying)
@@ -109,7 +109,7 @@ fn design_text(d: &Design) -> String {
     text.push_str(&late_text(d));
     let mut columns = states.to_vec();
     columns.extend(d.integral.iter().map(|&i| format!("int {}", states[i])));
-    // Further columns belong to the memory of super-twisting, which is not fed back on a state.
+    // Further columns belong to the states of super-twisting, which are no feedback of a vehicle state.
     let mut gain =
         d.linear.gain.columns(0, states.len()).into_owned().resize_horizontally(columns.len(), 0.0);
     let integrals = d.integral.len();
@@ -153,7 +153,7 @@ fn design_text(d: &Design) -> String {
     text
 }
 
-/// What makes this plant more than its matrices.
+/// Text on the delays of this plant and on its other properties outside the matrices.
 fn late_text(d: &Design) -> String {
     let late = d.plant.input_names().iter().zip(d.plant.delays_s()).filter(|(_, s)| **s > 0.0);
     let late: Vec<String> = late.map(|(name, s)| format!("{name} {} ms", clean(s * 1e3))).collect();
@@ -209,7 +209,7 @@ fn table(title: &str, rows: &[String], columns: &[String], matrix: &nalgebra::DM
 fn poles(title: &str, poles: &[Pole]) -> String {
     let mut text = format!("\n{}\n", style::strong(title));
     let delays = poles.iter().filter(|p| p.continuous.is_none()).count();
-    // Those of many past commands are one line.
+    // The poles of many past commands are given in one line.
     let many = delays > MOST_DELAY_LINES;
     for pole in poles.iter().filter(|p| !many || p.continuous.is_some()) {
         let line = match (pole.continuous, pole.frequency_rad_s, pole.damping) {

@@ -1,4 +1,4 @@
-//! `whirlstand diagnose`: what is wrong, why, the extended vehicle, and the gain.
+//! `whirlstand diagnose`: the verdict, the causes, the extended vehicle, and the gain in accuracy.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -14,8 +14,8 @@ use super::{print, write, write_json};
 use crate::cli::{DiagnoseArgs, RecordArgs};
 use crate::error::Failure;
 
-/// Runs the command. SIGINT and SIGTERM end the search: what is known by then is told, with exit code 130. A second one ends
-/// the program. A budget of time ends the search in the same way, with exit code 3.
+/// Runs the command. SIGINT and SIGTERM end the search; the results found by then are reported, with exit code
+/// 130. A second signal ends the program. A budget of time ends the search in the same way, with exit code 3.
 pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     crate::memory::give_large_pieces_back();
     let vehicle = find(&args.vehicle)?;
@@ -56,7 +56,7 @@ fn text(answer: &Diagnosis, report: Option<&Path>) -> String {
     text
 }
 
-/// Checks what part of a record is asked for.
+/// Checks the requested part of a record.
 pub(crate) fn check_part(part: &RecordArgs) -> Result<(), Failure> {
     if part.period.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
         return Err(Failure::Mend("--period: a time above 0 s is expected".into()));
@@ -87,7 +87,7 @@ fn options(args: &DiagnoseArgs, vehicle: &Vehicle, watch: Watch) -> Result<Optio
     })
 }
 
-/// Reads a log, on the wanted clock, and takes the wanted part of it.
+/// Reads a log, resamples it to the requested clock, and cuts out the requested part.
 pub(crate) fn part(path: &Path, part: &RecordArgs, vehicle: &Vehicle) -> Result<Record, Failure> {
     let mut record = read_for(path, &part.map, vehicle)?;
     if let Some(period) = part.period

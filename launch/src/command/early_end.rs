@@ -1,4 +1,5 @@
-//! A long search shows what it does, and may be ended with what is known by then: by Ctrl-C, or by a budget of time.
+//! A long search shows its progress, and can be ended early by Ctrl-C or by a budget of time. The results found by
+//! then are reported.
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -12,15 +13,15 @@ use super::stage_line::StageLine;
 use super::{INTERRUPTED, PARTIAL};
 use crate::error::Failure;
 
-/// The line of a long search, and what ended it.
+/// The progress line of a long search, and the reason for its early end.
 pub(super) struct EarlyEnd {
     line: StageLine,
     stop: Arc<AtomicBool>,
 }
 
 impl EarlyEnd {
-    /// For a command with a budget of time in seconds, from now on. SIGINT and SIGTERM end the search; a second one ends the
-    /// program.
+    /// For a command with a budget of time in seconds that begins now. SIGINT and SIGTERM end the search; a second
+    /// signal ends the program.
     ///
     /// # Errors
     /// [`Failure::Run`] when signals cannot be handled.
@@ -30,7 +31,7 @@ impl EarlyEnd {
         let listener = line.listener();
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM] {
-            // In this order: a signal ends the program only if one came before it.
+            // The order matters: a signal ends the program only if one came before it.
             let exit = i32::from(INTERRUPTED);
             signal_hook::flag::register_conditional_shutdown(signal, exit, Arc::clone(&stop))
                 .map_err(Failure::run)?;
@@ -43,20 +44,20 @@ impl EarlyEnd {
         Ok((Self { line, stop }, watch))
     }
 
-    /// Takes the line away: the search is over.
+    /// Removes the progress line, because the search is over.
     pub fn finish(self) -> Ended {
         self.line.finish();
         Ended { stop: self.stop }
     }
 }
 
-/// A search that is over.
+/// A search that has ended.
 pub(super) struct Ended {
     stop: Arc<AtomicBool>,
 }
 
 impl Ended {
-    /// The exit code of an answer that is whole or partial; says what ended the search.
+    /// The exit code of a complete or `partial` answer. It also prints the reason for an early end.
     pub fn exit_code(&self, partial: bool) -> ExitCode {
         if !partial {
             return ExitCode::SUCCESS;

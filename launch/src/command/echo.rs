@@ -1,4 +1,4 @@
-//! `whirlstand echo`: the messages of a running bench as they come.
+//! `whirlstand echo`: prints the messages of a running bench as they arrive.
 
 use std::fs::File;
 use std::io::{ErrorKind, Write};
@@ -26,7 +26,7 @@ pub(crate) fn echo(args: &EchoArgs) -> Result<ExitCode, Failure> {
             None => message.line(&vehicle),
         };
         match writeln!(out, "{line}").and_then(|()| out.flush()) {
-            // A reader that has gone away (`| head`) has seen enough.
+            // A reader that has closed the pipe (`| head`) has seen enough.
             Err(e) if e.kind() == ErrorKind::BrokenPipe => return Ok(ControlFlow::Break(())),
             Err(e) => return Err(Failure::Run(format!("cannot write the messages: {e}"))),
             Ok(()) => {}

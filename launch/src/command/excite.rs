@@ -1,4 +1,4 @@
-//! `whirlstand excite`: test flights that tell parameters and effects apart.
+//! `whirlstand excite`: designs test flights that distinguish parameters and effects.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -46,7 +46,8 @@ pub(crate) fn excite(args: &ExciteArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// An assignment as a line of a launch file; a word that is no TOML value is a text, as on the command line.
+/// An assignment as a line of a launch file. A value that is not TOML is written as a string, as on the
+/// command line.
 fn line(assignment: &str) -> String {
     match (assignment.parse::<toml::Table>(), assignment.split_once('=')) {
         (Err(_), Some((key, text))) => {
@@ -56,7 +57,7 @@ fn line(assignment: &str) -> String {
     }
 }
 
-/// The controller that stays on, as the launch file will design it.
+/// The controller that remains active, as the launch file will design it.
 fn closed_loop(args: &ExciteArgs, vehicle: &Vehicle) -> Result<Option<ClosedLoop>, Failure> {
     let Some(law) = &args.controller else {
         return match (args.setpoint.first(), args.set.first()) {

@@ -1,4 +1,5 @@
-//! `whirlstand guard`: ends and removes what a launcher leaves that was killed. The launcher starts it.
+//! `whirlstand guard`: after the death of a launcher, ends its nodes and removes its files. The launcher
+//! starts it.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -7,7 +8,7 @@ use crate::cli::GuardArgs;
 use crate::error::Failure;
 use crate::supervisor::keep_guard;
 
-/// Waits for the launcher's end, and does nothing if that was orderly.
+/// Waits for the launcher's end, and does nothing if the launcher ended in order.
 pub(crate) fn guard(args: &GuardArgs) -> Result<ExitCode, Failure> {
     let Some(left) = keep_guard(std::io::stdin().lock()) else { return Ok(ExitCode::SUCCESS) };
     crate::style::say(&format!("the launcher of the bench {} was killed: ending its nodes", args.bench));

@@ -1,4 +1,4 @@
-//! `whirlstand identify`: the free parameters of a vehicle, from records.
+//! `whirlstand identify`: estimates the free parameters of a vehicle from records.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -16,7 +16,8 @@ use super::{print, write, write_json};
 use crate::cli::{IdentifyArgs, IdentifyMethod, IdentifyNoise};
 use crate::error::Failure;
 
-/// Runs the command. Ctrl-C and a budget of time end the search with what is known by then, as in `diagnose`.
+/// Runs the command. Ctrl-C and a budget of time end the search, and the results found by then are reported,
+/// as in `diagnose`.
 pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
     check(args)?;
     let vehicle = find(&args.vehicle)?;
@@ -28,7 +29,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
         let (first, last) = (record.time.first().copied(), record.time.last().copied());
         let from = args.part.from.unwrap_or(f64::NEG_INFINITY).max(first.unwrap_or(0.0));
         let to = args.part.to.unwrap_or(f64::INFINITY).min(last.unwrap_or(0.0));
-        // What lies between two held-out parts may be too short to tell anything.
+        // The data between two held-out parts may be too short for identification.
         let least = 16.0 * record.duration() / record.len().max(1) as f64;
         for (from, to) in rest((from, to), &args.hold_out, least) {
             for segment in parts(&record, &vehicle, args, (from, to))? {
@@ -106,14 +107,14 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
     }
 }
 
-/// Reads a log, on the wanted clock, with the hash of its file.
+/// Reads a log and resamples it to the requested clock; also returns the hash of the file.
 fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<(Log, Record), Failure> {
     let mut record = aligned(read_all_for(path, &args.part.map, vehicle)?, args, vehicle)?;
     if let Some(period) = args.part.period {
         if record.time_unit == "samples" {
             record = record.with_sample_period(period);
         } else if record.period().is_some_and(|own| period > 1.2 * own) {
-            // Coarser: through the filter that keeps what is faster from folding into it.
+            // A coarser clock: the signal passes through the anti-aliasing filter.
             let held = |name: &str| vehicle.input_index(name).is_some();
             record = record.resampled(period, held).map_err(Failure::mend)?;
         }
@@ -121,8 +122,8 @@ fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<(Log, Rec
     Ok((Log { file: path.display().to_string(), sha256: hash(path)? }, record))
 }
 
-/// True when an own log shows that a controller was in the loop: a reference was tracked, or the command was not the
-/// stick.
+/// True when a log of this program shows that a controller was in the loop: a reference was tracked, or the
+/// command differs from the stick.
 fn steered(record: &Record) -> bool {
     record.signals().iter().any(|s| {
         let tracked = s.name.starts_with("setpoint.")
@@ -146,7 +147,7 @@ fn parts(
     Segment::unbroken(record, vehicle, args.part.period, (some(from), some(to))).map_err(Failure::mend)
 }
 
-/// Moves the signals whose delay is known; says what lags when nobody asked.
+/// Shifts the signals whose delay is given. Without any given delay, reports the signals that lag.
 fn aligned(record: Record, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Record, Failure> {
     for (name, delay) in &args.delay {
         record.signal(name).map_err(|e| Failure::Mend(format!("--delay {name}: {e}")))?;
@@ -187,7 +188,8 @@ fn aligned(record: Record, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Rec
     Ok(if delays.is_empty() { record } else { record.without_delays(&delays) })
 }
 
-/// What is left of an interval without others, in parts longer than `least`.
+/// The parts of an interval that remain without the intervals `without`, as far as they are longer than
+/// `least`.
 fn rest(whole: (f64, f64), without: &[(f64, f64)], least: f64) -> Vec<(f64, f64)> {
     let mut sorted = without.to_vec();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));

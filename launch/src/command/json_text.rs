@@ -1,4 +1,4 @@
-//! JSON as it is printed and written: indented, and numbers without the noise of floating-point arithmetic.
+//! JSON as it is printed and written: indented, with numbers rounded to remove floating-point noise.
 
 use std::io::{Result, Write};
 
@@ -9,14 +9,14 @@ use whirlstand_msgs::units::{MEANT_DIGITS, rounded};
 /// A value as indented JSON, its numbers with twelve significant digits.
 ///
 /// # Errors
-/// When the value cannot be JSON: a map whose keys are no texts.
+/// When the value cannot be JSON, such as a map whose keys are not strings.
 pub(super) fn pretty(value: &impl Serialize) -> serde_json::Result<String> {
     let mut text = Vec::new();
     value.serialize(&mut Serializer::with_formatter(&mut text, Clean(PrettyFormatter::new())))?;
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// Indents as its part does.
+/// A formatter that rounds numbers and leaves indentation to the formatter inside.
 struct Clean<'a>(PrettyFormatter<'a>);
 
 impl Formatter for Clean<'_> {

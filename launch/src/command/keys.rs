@@ -1,4 +1,5 @@
-//! `whirlstand keys`: keys for several hosts, and what an outside program needs to join a bench.
+//! `whirlstand keys`: makes keys for several hosts, and prints the configuration with which an outside
+//! program joins a bench.
 
 use std::process::ExitCode;
 
@@ -10,7 +11,7 @@ use crate::error::Failure;
 use crate::key_folder::KeyFolder;
 use crate::keys::{GUEST, LAUNCHER, LOOPBACK, OBSERVER, configuration};
 
-/// Dispatches the calls.
+/// Runs the subcommand.
 pub(crate) fn keys(command: &KeysCommand) -> Result<ExitCode, Failure> {
     match command {
         KeysCommand::New(args) => new(args),

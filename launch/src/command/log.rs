@@ -52,7 +52,7 @@ pub(crate) fn read(path: &Path, map: &[String]) -> Result<Record, Failure> {
     whirlstand_logs::read(path, &mappings(map)?).map_err(Failure::mend)
 }
 
-/// SHA-256 of a log: of all its files, one after the other.
+/// SHA-256 of a log: of the contents of all its files in order.
 ///
 /// # Errors
 /// When one cannot be read.
@@ -65,9 +65,10 @@ pub(crate) fn hash(path: &Path) -> Result<String, Failure> {
     Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
 }
 
-/// Reads a log of any known kind for a vehicle: with the mappings of `--map`, and with those of the vehicle's own `map` for
-/// signals that `--map` does not name. A log that lacks what `map` names may have the vehicle's own name for it, as logs
-/// of benches have; that entry is then passed over. Of a bench's log only the vehicle's own signals are kept.
+/// Reads a log of any known kind for a vehicle. The mappings of `--map` apply, and those of the vehicle's own
+/// `map` for signals that `--map` does not name. An entry of `map` is ignored where the log lacks its signal but
+/// has the vehicle's own name for it, as logs of benches have. Of a bench's log only the vehicle's own signals are
+/// kept.
 ///
 /// # Errors
 /// What is wrong with the file or a mapping.
@@ -78,7 +79,7 @@ pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result
     read_with(path, map, vehicle, Some(&signals))
 }
 
-/// As [`read_for`], with every signal of the log: what a controller was asked and answered stands there as well.
+/// As [`read_for`], but with every signal of the log, including the controller's inputs and answers.
 ///
 /// # Errors
 /// As [`read_for`].
@@ -117,7 +118,8 @@ fn read_with(
     }
 }
 
-/// What the controller flew of a vehicle behind a bridge, and says so; any other record as it is.
+/// For a vehicle behind a bridge: the part of the record in which the controller had control, which is also
+/// printed. Any other record is returned unchanged.
 fn flown_by_the_controller(record: Record) -> Result<Record, Failure> {
     let Some(charge) = InCharge::of(&record).filter(|charge| !charge.is_whole()) else { return Ok(record) };
     if charge.is_never() {
@@ -128,8 +130,8 @@ fn flown_by_the_controller(record: Record) -> Result<Record, Failure> {
     Ok(charge.part_of(&record))
 }
 
-/// The record, in which what measures something else than the vehicle's signal of its name cannot be read; an error at once
-/// where `--map` names it.
+/// The record, in which a signal whose unit does not fit the vehicle's signal of that name is unreadable. Such a
+/// signal is an error at once where `--map` names it.
 fn in_units_of(vehicle: &Vehicle, record: Record, given: &[Mapping]) -> Result<Record, Failure> {
     let inputs = vehicle.inputs.iter().map(|u| (u.name.as_str(), u.unit.unit()));
     let outputs = vehicle.outputs.iter().map(|y| (y.name.as_str(), y.unit.unit()));
@@ -140,10 +142,10 @@ fn in_units_of(vehicle: &Vehicle, record: Record, given: &[Mapping]) -> Result<R
     }
 }
 
-/// Refuses a delay of the vehicle that a record is too short to show.
+/// Refuses a vehicle whose delay is longer than the record can show.
 ///
 /// # Errors
-/// With the delay in two units.
+/// Names the delay in two units.
 pub(crate) fn check_delays(vehicle: &Vehicle, record: &Record) -> Result<(), Failure> {
     if record.time_unit == "samples" {
         return Ok(());

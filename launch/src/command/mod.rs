@@ -1,4 +1,4 @@
-//! The calls of the command line that do not start a bench.
+//! The commands that do not start a bench.
 
 pub(crate) mod adjust;
 pub(crate) mod bench;
@@ -35,18 +35,19 @@ use std::path::Path;
 use crate::cli::JsonArg;
 use crate::error::Failure;
 
-/// Exit code of a command that was interrupted and told what it knew by then, as shells have it.
+/// Exit code of a command that was interrupted and reported its results so far, as in shells.
 pub(crate) const INTERRUPTED: u8 = 130;
 
-/// Exit code of a command that has answered with what it knew when its budget of time was spent.
+/// Exit code of a command whose budget of time was spent and that reported its results so far.
 pub(crate) const PARTIAL: u8 = 3;
 
-/// Prints text on standard output, as a terminal may get it. A reader that has gone away (`| head`) is no failure.
+/// Prints text on standard output, with escapes if that is a terminal. A reader that has closed the pipe
+/// (`| head`) is no failure.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
     write_out(&crate::style::rendered(text))
 }
 
-/// Prints what others wrote or will read, such as a file or JSON: as it is, but on a terminal.
+/// Prints text of others or for programs, such as a file or JSON: unchanged, but escaped on a terminal.
 pub(crate) fn print_data(text: &str) -> Result<(), Failure> {
     write_out(&crate::style::data(text, std::io::stdout().is_terminal()))
 }
@@ -76,7 +77,7 @@ pub(crate) fn write_json(value: &impl serde::Serialize, path: &Path) -> Result<(
     write(path, &(text + "\n"))
 }
 
-/// Writes a value as JSON where that is asked for, and prints the text unless JSON is all that is to be printed.
+/// Writes a value as JSON where that is requested. Prints the text unless only JSON is to be printed.
 pub(crate) fn tell(
     json: &JsonArg,
     value: &impl serde::Serialize,
@@ -88,7 +89,7 @@ pub(crate) fn tell(
     if json.is_printed() { Ok(()) } else { print(&text()) }
 }
 
-/// Writes a text file, and the folder that it is in.
+/// Writes a text file, and creates its folder.
 pub(crate) fn write(path: &Path, text: &str) -> Result<(), Failure> {
     if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(|e| Failure::file("make the folder", folder, &e))?;

@@ -1,4 +1,5 @@
-//! `whirlstand node`: one node, started by the launcher or by hand; and what becomes another program.
+//! `whirlstand node`: one node, started by the launcher or by hand. Also the process that becomes another
+//! program.
 
 use std::io::Read;
 use std::os::unix::process::CommandExt;
@@ -41,7 +42,7 @@ pub(crate) fn node(args: &NodeArgs) -> Result<ExitCode, Failure> {
     }
 }
 
-/// Whether trying again would end the same way until the user changes something.
+/// Whether another attempt would fail in the same way until the user changes something.
 pub(crate) fn is_mendable(error: &NodeError) -> bool {
     matches!(
         error,
@@ -101,7 +102,7 @@ fn by_hand(args: &NodeArgs) -> Result<(NodeConfig, Security), Failure> {
     Ok((config, plan.security))
 }
 
-/// Takes the secret of a bench of this user on this host, which may be about to begin.
+/// Takes the secret of a bench of this user on this host; the bench may only be starting.
 fn join_with_secret(role: Role, config: &mut NodeConfig) -> Result<(), Failure> {
     let endpoints = [config.zenoh.listen.clone(), config.zenoh.connect.clone()].concat();
     if let Some(why) = secret_beyond_its_reach(&endpoints) {
@@ -115,7 +116,7 @@ fn join_with_secret(role: Role, config: &mut NodeConfig) -> Result<(), Failure> 
     Ok(())
 }
 
-/// Asks for the real-time options, then becomes the program; returns only when that fails.
+/// Requests the real-time options and then becomes the program. Returns only when that fails.
 pub(crate) fn exec(args: &ExecArgs) -> Result<ExitCode, Failure> {
     let options: RealtimeOptions = serde_json::from_str(&args.realtime)
         .map_err(|e| Failure::Mend(format!("--realtime: these are not real-time options: {e}")))?;

@@ -1,4 +1,4 @@
-//! `whirlstand relay`: a controller that is no program of a bench takes part through one.
+//! `whirlstand relay`: connects a controller that is not a program of the bench.
 
 use std::env::{VarError, var};
 use std::net::UdpSocket;
@@ -83,7 +83,7 @@ fn ros2(place: &Place, args: &RelayRos2Args, stop: &StopFlag) -> Result<(), Fail
     run_ros2(&place.bus, &options, stop).map_err(Failure::run)
 }
 
-/// What the launcher says of the bench.
+/// The value of an environment variable that the launcher sets.
 fn told(name: &str) -> Result<String, Failure> {
     var(name).map_err(|e| match e {
         VarError::NotPresent => Failure::Mend(format!(

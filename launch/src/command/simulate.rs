@@ -11,7 +11,8 @@ use super::vehicles::find;
 use crate::cli::SimulateArgs;
 use crate::error::Failure;
 
-/// Most steps of a simulation: more than a day at 100 Hz, and with ten signals under a gigabyte of memory.
+/// Most steps of a simulation: more than a day at 100 Hz, and less than a gigabyte of memory with ten
+/// signals.
 const MOST_STEPS: f64 = 1e7;
 
 /// Runs the command.
@@ -50,7 +51,7 @@ fn inputs<'r>(vehicle: &Vehicle, record: &'r Record) -> Result<Vec<&'r [f64]>, F
     vehicle.inputs.iter().map(input).collect()
 }
 
-/// Period of the simulation, s: of the rate that was asked for, or the record's own.
+/// Period of the simulation, s: of the requested rate, or the record's own.
 pub(super) fn period(record: &Record, rate: Option<f64>) -> Result<f64, Failure> {
     if let Some(rate) = rate {
         return if rate > 0.0 && rate.is_finite() {
@@ -62,12 +63,12 @@ pub(super) fn period(record: &Record, rate: Option<f64>) -> Result<f64, Failure>
     let period = record.period().ok_or_else(|| {
         Failure::Mend(format!("{}: a record with at least two points in time is expected", record.origin))
     })?;
-    // A clock that counts whole milliseconds gives 0.01 s as 0.010000000000000009.
+    // A clock in whole milliseconds gives 0.01 s as 0.010000000000000009.
     Ok((period * 1e9).round() * 1e-9)
 }
 
-/// What the vehicle's inputs are in each period from the record's first point on; a gap in the record holds the last
-/// value, and before the first one an input rests.
+/// The vehicle's inputs in each period from the record's first point on. A gap in the record holds the last value;
+/// before its first value an input is at rest.
 pub(super) fn commands(
     vehicle: &Vehicle,
     record: &Record,
@@ -92,8 +93,8 @@ pub(super) fn commands(
     Ok((clock, columns))
 }
 
-/// Steps the vehicle over the clock. The input of a step is in force when that step is measured: an output with
-/// feedthrough shows it at once, as the plant's does.
+/// Steps the vehicle over the clock. The input of a step is already applied when that step is measured: an
+/// output with feedthrough shows it at once, as in the plant.
 fn respond(
     vehicle: &Vehicle,
     clock: &Clock,

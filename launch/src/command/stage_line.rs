@@ -1,4 +1,5 @@
-//! What a long command is doing, how far it is and how long that may take: a line on a terminal, else one now and then.
+//! Progress of a long command: the stage, its share done and the time left. Shown as a live line on a terminal,
+//! elsewhere as a line from time to time.
 
 use std::io::IsTerminal;
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
@@ -8,43 +9,43 @@ use std::time::{Duration, Instant};
 use indicatif::ProgressBar;
 use whirlstand_ident::watch::Stage;
 
-/// A command that is done sooner says nothing.
+/// A command that ends sooner shows no progress.
 const SILENT: Duration = Duration::from_secs(2);
-/// Without a terminal, a line comes so often: a log is not to be flooded.
+/// Time between two lines without a terminal, so that a log is not flooded.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
-/// What is being done and how far it has come.
+/// The stage that was reported last.
 struct Told {
     what: String,
     detail: String,
-    /// How much of it is done, 0 to 1.
+    /// Share of the stage that is done, 0 to 1.
     share: Option<f64>,
 }
 
-/// Says what is being done, once it takes longer than two seconds.
+/// Shows the progress of a command that takes longer than two seconds.
 pub(crate) struct StageLine {
     stages: Sender<Option<Told>>,
     drawn: JoinHandle<()>,
 }
 
 impl StageLine {
-    /// For a command, which ends at the deadline at the latest.
+    /// For a command that ends no later than the deadline.
     pub fn new(command: &'static str, deadline: Option<Instant>) -> Self {
         let (stages, told) = mpsc::channel();
         let drawn = std::thread::spawn(move || draw(command, &told, deadline));
         Self { stages, drawn }
     }
 
-    /// Tells it what is being done, from any thread.
+    /// A function that reports the current stage, from any thread.
     pub fn listener(&self) -> impl Fn(Stage<'_>) + Send + Sync + 'static {
         let stages = self.stages.clone();
-        // Nobody draws any more once the command is done.
+        // Nothing is drawn any more once the command is done.
         move |Stage { what, detail, share }| {
             drop(stages.send(Some(Told { what: what.into(), detail: detail.into(), share })));
         }
     }
 
-    /// Takes the line away.
+    /// Removes the line.
     pub fn finish(self) {
         drop(self.stages.send(None));
         // Nothing depends on whether the line was drawn.
@@ -52,7 +53,7 @@ impl StageLine {
     }
 }
 
-/// What is shown, and since when.
+/// The stage that is shown, and its start.
 struct Shown {
     begun: Instant,
     told: Told,
@@ -68,7 +69,7 @@ impl Shown {
         self.told = told;
     }
 
-    /// Stage, detail, share, time so far, and time left: of this stage at the pace so far, and until the deadline.
+    /// Stage, detail, share, time so far, and time left: of this stage at its rate so far, and until the deadline.
     fn text(&self) -> String {
         let mut text = self.told.what.clone();
         if !self.told.detail.is_empty() {
@@ -144,7 +145,7 @@ mod tests {
             text.starts_with("looks for a cause, 25 %, 18 s left in this stage; 12 s so far, 3"),
             "{text}"
         );
-        // The time of a stage goes on while what it has reached changes.
+        // The time of a stage continues while its detail changes.
         shown.hear(told("looks for a cause", "the best so far 7", Some(0.5)));
         let text = shown.text();
         assert!(

@@ -133,7 +133,7 @@ fn check_text(v: &Vehicle, poles: &[(f64, f64)]) -> String {
     text
 }
 
-/// Values are SI, in `si_unit`; `unit` is what the file declares.
+/// The vehicle as JSON. Values are SI, in `si_unit`; `unit` is the unit that the file declares.
 fn description(v: &Vehicle, poles: &[(f64, f64)]) -> Value {
     let finite = |x: f64| x.is_finite().then_some(x);
     json!({

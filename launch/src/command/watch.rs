@@ -1,4 +1,5 @@
-//! `whirlstand watch` and `whirlstand play`: a bench that runs, or a finished log, on the live page or in the terminal.
+//! `whirlstand watch` and `whirlstand play`: a running bench, or a finished log, on the live page or in the
+//! terminal.
 
 use std::cell::{Cell, RefCell};
 use std::process::ExitCode;
@@ -27,7 +28,7 @@ pub(crate) fn watch(args: &WatchArgs) -> Result<ExitCode, Failure> {
         let seen = look.until_over(
             false,
             || left.get(),
-            // What goes wrong with the terminal ends the looking, as the user's key does.
+            // A failure of the terminal ends the view, as the user's key does.
             |until| left.set(terminal.turn(until).unwrap_or(true)),
         );
         drop(terminal);
@@ -46,7 +47,7 @@ pub(crate) fn watch(args: &WatchArgs) -> Result<ExitCode, Failure> {
             told.set(told.get() || signals.borrow_mut().next().is_some());
             told.get()
         },
-        // A system that refuses to wait ends the looking, as a signal does.
+        // A failure of the system to wait ends the view, as a signal does.
         |until| {
             let longest = until.saturating_duration_since(Instant::now());
             told.set(told.get() || signals.borrow().wait(longest).is_err());
@@ -103,7 +104,7 @@ pub(crate) fn play(args: &PlayArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What a log of a bench is of.
+/// The scene and the vehicle of a bench's log.
 fn scene_of(log: &Log) -> Result<(Scene, Vehicle), Failure> {
     let path = log.path().display().to_string();
     let (Some(info), Some(text)) = (log.info(), log.vehicle_text()) else {

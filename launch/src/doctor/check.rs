@@ -6,11 +6,11 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Grade {
-    /// Fit.
+    /// The machine is fit in this respect.
     Ok,
-    /// Works, but timing suffers, or an option of the launch file will be refused.
+    /// It works, but timing suffers, or an option of the launch file will be refused.
     Warn,
-    /// Cannot be found out here.
+    /// This cannot be determined here.
     Unknown,
 }
 
@@ -23,7 +23,7 @@ pub(crate) struct Check {
     pub grade: Grade,
     /// What was found.
     pub found: String,
-    /// What to change; nothing when all is well.
+    /// What to change; `None` when nothing needs to change.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
 }

@@ -1,4 +1,4 @@
-//! What decides whether a machine keeps deadlines, as the kernel tells it.
+//! The properties of a machine that decide whether it keeps deadlines, as the kernel reports them.
 
 use std::path::Path;
 
@@ -11,10 +11,10 @@ use super::check::{Check, Grade};
 /// Priority at which SCHED_FIFO is tried.
 pub(super) const TRIED_PRIORITY: u8 = 80;
 
-/// Shared memory below this is tight for several benches.
+/// Shared memory that is enough for several benches, MiB.
 const ENOUGH_SHM_MIB: u64 = 256;
 
-/// Everything that is looked at, the most important first.
+/// All checks, the most important first.
 pub(super) fn all() -> Vec<Check> {
     vec![
         preemption(&first_line("/sys/kernel/realtime"), &kernel_version()),
@@ -61,7 +61,7 @@ fn preemption(realtime: &Option<String>, version: &str) -> Check {
     check("kernel preemption", grade, format!("{model}; {version}"), advice)
 }
 
-/// Tries on a thread of its own, so that this process goes on as it was.
+/// Tries SCHED_FIFO on a separate thread, so that this process keeps its scheduling.
 fn fifo() -> Check {
     let limit = getrlimit(Resource::Rtprio).current.unwrap_or(u64::MAX);
     let options = RealtimeOptions { priority: Some(TRIED_PRIORITY), ..Default::default() };
@@ -112,7 +112,7 @@ fn memlock(limit: Option<u64>) -> Check {
     }
 }
 
-/// Whether the capability of this number is effective for this process.
+/// Whether the capability of this number is in effect for this process.
 fn has_capability(number: u32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let effective = status.lines().find_map(|l| l.strip_prefix("CapEff:"));
@@ -164,7 +164,7 @@ fn cpu_list(text: &str) -> Vec<usize> {
     text.split(',').filter_map(range).flatten().collect()
 }
 
-/// At most as many CPUs are isolated as there are nodes in the loop.
+/// Most CPUs that are isolated: the number of nodes in the loop.
 const NODES_IN_THE_LOOP: usize = 3;
 
 fn isolation(isolated: &Option<String>, usable: &[usize]) -> Check {
@@ -175,7 +175,8 @@ fn isolation(isolated: &Option<String>, usable: &[usize]) -> Check {
     }
 }
 
-/// Half of the CPUs, the last ones, stay for the nodes; the first ones serve the rest of the system.
+/// Advice on isolation: the last half of the CPUs is left to the nodes, the first half serves the rest of the
+/// system.
 fn isolation_advice(usable: &[usize]) -> String {
     let count = (usable.len() / 2).min(NODES_IN_THE_LOOP);
     let names: Vec<_> = usable[usable.len() - count..].iter().map(usize::to_string).collect();

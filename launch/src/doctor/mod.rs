@@ -1,4 +1,4 @@
-//! `whirlstand doctor`: is this machine fit for real time, and what to change.
+//! `whirlstand doctor`: checks whether this machine is fit for real time, and advises what to change.
 
 mod check;
 mod checks;

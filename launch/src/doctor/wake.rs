@@ -1,4 +1,4 @@
-//! A short sample of how late this machine wakes a sleeping process.
+//! A short measurement of how late this machine wakes a sleeping process.
 
 use serde::Serialize;
 use whirlstand_nodes::config::RealtimeOptions;
@@ -7,26 +7,26 @@ use whirlstand_nodes::os::{MonotonicTime, apply_realtime, sleep_until};
 use super::checks::TRIED_PRIORITY;
 use crate::error::Failure;
 
-/// Deadlines of one sample, 1 ms apart.
+/// Deadlines of one measurement, 1 ms apart.
 const WAKES: usize = 1000;
 
-/// How late a process was woken.
+/// Statistics of the wake-up lateness of a process.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct WakeUp {
-    /// `ordinary` or `SCHED_FIFO 80`.
+    /// Scheduling policy: `ordinary` or `SCHED_FIFO 80`.
     pub scheduling: String,
     /// Number of wakes.
     pub wakes: usize,
-    /// Medians and tails, us.
+    /// Medians and tails of the lateness, us.
     pub p50_us: f64,
     pub p99_us: f64,
     pub p999_us: f64,
     pub max_us: f64,
-    /// Wakes that came a whole period late or later.
+    /// Wake-ups that came at least a whole period late.
     pub missed: usize,
 }
 
-/// Samples as an ordinary thread, and under SCHED_FIFO where that is allowed.
+/// Measures as an ordinary thread, and under SCHED_FIFO where that is allowed.
 pub(super) fn sample() -> Result<Vec<WakeUp>, Failure> {
     let ordinary = RealtimeOptions::default();
     let fifo = RealtimeOptions { priority: Some(TRIED_PRIORITY), ..Default::default() };
@@ -44,7 +44,7 @@ pub(super) fn sample() -> Result<Vec<WakeUp>, Failure> {
     Ok(samples)
 }
 
-/// Lateness of each wake, ns.
+/// Lateness of each wake-up, ns.
 fn wakes() -> Vec<u64> {
     const PERIOD_NS: u64 = 1_000_000;
     let mut lateness = Vec::with_capacity(WAKES);
@@ -53,7 +53,7 @@ fn wakes() -> Vec<u64> {
         sleep_until(deadline, || false);
         let now = MonotonicTime::now();
         lateness.push(now.0.saturating_sub(deadline.0));
-        // A wake that comes periods late is one late wake, not many.
+        // A wake-up that comes several periods late counts as one late wake-up.
         deadline = MonotonicTime((deadline.0 + PERIOD_NS).max(now.0));
     }
     lateness

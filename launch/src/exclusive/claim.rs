@@ -10,14 +10,14 @@ use super::lock_file::{Holder, LockFile, Refused, holder};
 use super::runtime_folder::{keys_folder, runtime_folder};
 use crate::error::Failure;
 
-/// How the name of a claim's file ends.
+/// Suffix of a claim's file.
 const SUFFIX: &str = ".lock";
 
-/// The right to run a bench of a name, and the folder for its sockets.
+/// The right to run a bench under its name, and the folder for its sockets.
 #[derive(Debug)]
 pub(crate) struct Claim {
     bench: String,
-    // Dropped in this order: nobody has the name before the sockets are gone.
+    // The fields are dropped in this order: nobody can claim the name before the sockets are removed.
     sockets: TempDir,
     keys: PathBuf,
     lock: LockFile,
@@ -27,11 +27,11 @@ impl Claim {
     /// Claims a bench.
     ///
     /// # Errors
-    /// When the name cannot be one, or another launcher runs the bench.
+    /// When the name is invalid, or another launcher runs the bench.
     pub fn take(bench: &str) -> Result<Self, Failure> {
         check_bench_name(bench).map_err(Failure::mend)?;
         let folder = runtime_folder()?;
-        // Short, because the address of a socket has room for 107 bytes.
+        // The path is short, because the address of a socket has room for 107 bytes.
         let sockets = tempfile::Builder::new()
             .prefix("s")
             .tempdir_in(&folder)
@@ -51,7 +51,7 @@ impl Claim {
         Ok(Self { bench: bench.into(), sockets, keys, lock })
     }
 
-    /// The bench.
+    /// Name of the bench.
     pub fn bench(&self) -> &str {
         &self.bench
     }
@@ -61,12 +61,13 @@ impl Claim {
         self.sockets.path()
     }
 
-    /// The folder for what outside programs need to join the bench; nobody else may make or remove it.
+    /// The folder for the data with which outside programs join the bench. Only the holder of the claim may
+    /// make or remove it.
     pub fn keys(&self) -> &Path {
         &self.keys
     }
 
-    /// The file that is the claim.
+    /// The lock file of the claim.
     pub fn path(&self) -> &Path {
         self.lock.path()
     }
@@ -87,7 +88,7 @@ pub(crate) fn sockets_of(bench: &str) -> Result<Option<PathBuf>, Failure> {
     Ok(holder(&claim_path(&runtime_folder()?, bench)).and_then(|holder| holder.sockets))
 }
 
-/// The benches that launchers of this user run on this machine.
+/// Names of the benches that launchers of this user run on this machine.
 ///
 /// # Errors
 /// When the user's folder cannot be used.
@@ -98,7 +99,8 @@ pub(crate) fn running_benches() -> Result<Vec<String>, Failure> {
     Ok(all)
 }
 
-/// Where outside programs find what they need to join a bench that runs; `None` when no launcher of this user runs it.
+/// The folder with the data that outside programs need to join a running bench; `None` when no launcher of this
+/// user runs it.
 ///
 /// # Errors
 /// When the user's folder cannot be used.
@@ -106,7 +108,7 @@ pub(crate) fn keys_of(bench: &str) -> Result<Option<PathBuf>, Failure> {
     Ok(holder(&claim_path(&runtime_folder()?, bench)).and_then(|holder| holder.keys))
 }
 
-/// The benches of this user that run and have keys.
+/// Names of the running benches of this user that have keys.
 ///
 /// # Errors
 /// When the user's folder cannot be used.
@@ -118,12 +120,12 @@ pub(crate) fn benches_with_keys() -> Result<Vec<String>, Failure> {
     Ok(claimed_benches(&folder).into_iter().filter(has_keys).collect())
 }
 
-/// The file that is the claim of a bench.
+/// The lock file of the claim of a bench.
 pub(super) fn claim_path(folder: &Path, bench: &str) -> PathBuf {
     folder.join(format!("{bench}{SUFFIX}"))
 }
 
-/// The benches that are or were claimed.
+/// Names of the benches that are or were claimed.
 pub(super) fn claimed_benches(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut all: Vec<_> =

@@ -1,7 +1,7 @@
-//! A file that one process holds for as long as it lives, and that says who it is.
+//! A file that one process locks for as long as it lives, and that names the process.
 //!
-//! The lock is the operating system's (flock(2)), so it is free however its holder ends. What is written in the file is for
-//! people and for tidying up; that it is locked is what counts.
+//! The lock is that of the operating system (flock(2)), so it is released however its holder ends. The contents of
+//! the file are for people and for cleaning up; only the lock itself counts.
 
 use std::fmt;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -16,29 +16,29 @@ use whirlstand_bus::open_lock_file;
 
 use crate::proc_stat::ProcStat;
 
-/// How long to wait for a living holder: whoever tidies up holds a lock for a moment only.
+/// Longest wait for a living holder. A process that cleans up holds a lock for a moment only.
 const TIDYING: Duration = Duration::from_millis(300);
-/// How long to wait for the nodes of a killed launcher, which are being ended.
+/// Longest wait for the nodes of a killed launcher, which are being ended.
 const ENDING: Duration = Duration::from_secs(10);
 /// Time between two attempts.
 const AGAIN: Duration = Duration::from_millis(20);
 
-/// Who holds a lock.
+/// The holder of a lock, as the file describes it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Holder {
     /// Process number.
     pub pid: i32,
     /// When it took the lock, UTC (RFC 3339).
     pub since: String,
-    /// Folder of its notify sockets.
+    /// Folder of the holder's notify sockets.
     pub sockets: Option<PathBuf>,
-    /// Folder of what outside programs need to join its bench; made over Zenoh only.
+    /// Folder of the data that outside programs need to join the holder's bench; used over Zenoh only.
     #[serde(default)]
     pub keys: Option<PathBuf>,
 }
 
 impl Holder {
-    /// This process, with nothing beside its lock.
+    /// This process, without any folders.
     pub fn here() -> Self {
         Self {
             pid: std::process::id() as i32,
@@ -48,7 +48,8 @@ impl Holder {
         }
     }
 
-    /// Who a lock file names; `None` while it is being written, or if there was no room to write.
+    /// The holder that a lock file names; `None` while the file is being written, or if there was no room to
+    /// write it.
     pub fn read(file: &mut File) -> Option<Self> {
         let mut text = String::new();
         file.rewind().ok()?;
@@ -66,9 +67,9 @@ impl fmt::Display for Holder {
 /// Why a lock was not given.
 #[derive(Debug)]
 pub(crate) enum Refused {
-    /// By somebody else, who says who it is.
+    /// Another process holds the lock; its description, if the file has one.
     Held(Option<Holder>),
-    /// By the operating system.
+    /// The operating system refused it.
     System(io::Error),
 }
 
@@ -79,7 +80,7 @@ impl Refused {
     }
 }
 
-/// A lock that this process holds; the file goes with it.
+/// A lock that this process holds; the file is removed when this is dropped.
 #[derive(Debug)]
 pub(crate) struct LockFile {
     file: File,
@@ -87,7 +88,7 @@ pub(crate) struct LockFile {
 }
 
 impl LockFile {
-    /// Takes the lock and signs the file.
+    /// Takes the lock and writes the holder into the file.
     ///
     /// # Errors
     /// [`Refused`].
@@ -96,7 +97,7 @@ impl LockFile {
         loop {
             let mut file = open_lock_file(path).map_err(Refused::System)?;
             match file.try_lock() {
-                // Who let go of it may have removed it between opening and locking.
+                // The previous holder may have removed the file between opening and locking.
                 Ok(()) if file.metadata().map_err(Refused::System)?.nlink() == 0 => {}
                 Ok(()) => {
                     let mut lock = Self { file, path: path.into() };
@@ -116,12 +117,12 @@ impl LockFile {
         }
     }
 
-    /// Where the file is.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes the holder into the file. Without room for that the lock holds all the same.
+    /// Writes the holder into the file. The lock holds even if there is no room for that.
     fn sign(&mut self, holder: &Holder) {
         let written = serde_json::to_string(holder).map_err(io::Error::from).and_then(|text| {
             self.file.set_len(0)?;
@@ -142,21 +143,22 @@ impl AsFd for LockFile {
 
 impl Drop for LockFile {
     fn drop(&mut self) {
-        // Removed before it is let go, so that nobody takes a lock on a file without a name. One that stays is taken over.
+        // The file is removed before the lock is released, so that nobody takes a lock on a file without a name. A
+        // file that stays is taken over.
         let _ = std::fs::remove_file(&self.path);
     }
 }
 
-/// What a lock file tells those who do not take the lock.
+/// State of a lock file, as seen by a process that does not take the lock.
 enum Lock {
-    /// Nobody holds it; who held it last, if the file says so.
+    /// Nobody holds the lock; the last holder, if the file names it.
     Free(Option<Holder>),
-    /// Somebody holds it; who, if the file says so.
+    /// A process holds the lock; the holder, if the file names it.
     Held(Option<Holder>),
 }
 
 impl Lock {
-    /// Looks at a lock file; `None` when it is not there or cannot be asked.
+    /// Reads the state of a lock file; `None` when it does not exist or cannot be queried.
     fn of(path: &Path) -> Option<Self> {
         let mut file = OpenOptions::new().read(true).write(true).open(path).ok()?;
         match file.try_lock() {
@@ -167,17 +169,17 @@ impl Lock {
     }
 }
 
-/// Who held the lock last; `None` when the file is not there or somebody holds it.
+/// The last holder of a free lock; `None` when the file does not exist or a process holds the lock.
 pub(crate) fn last_holder(path: &Path) -> Option<Option<Holder>> {
     if let Lock::Free(last) = Lock::of(path)? { Some(last) } else { None }
 }
 
-/// Who holds the lock now; `None` when nobody does, or nothing says who.
+/// The present holder of the lock; `None` when nobody holds it, or the file does not name the holder.
 pub(crate) fn holder(path: &Path) -> Option<Holder> {
     if let Lock::Held(now) = Lock::of(path)? { now } else { None }
 }
 
-/// Whether somebody holds the lock.
+/// Whether a process holds the lock.
 pub(crate) fn is_held(path: &Path) -> bool {
     matches!(Lock::of(path), Some(Lock::Held(_)))
 }
@@ -225,7 +227,7 @@ mod tests {
             let path = path.clone();
             move || LockFile::take(&path, &Holder::here()).map(drop)
         });
-        // Longer than a living holder is waited for.
+        // This is longer than the wait for a living holder.
         std::thread::sleep(2 * TIDYING);
         drop(lock);
         waiting.join().unwrap().unwrap();

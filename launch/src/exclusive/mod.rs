@@ -1,5 +1,5 @@
-//! What one run has for itself: its folder and its bench's name; and what is left of runs that were killed. One lock, the
-//! claim of the name, is for all that a bench has on this machine: memory, sockets and keys.
+//! Exclusive resources of a run: its folder and its bench's name; and the files that killed runs left behind. One
+//! lock, the claim of the name, covers everything that a bench has on this machine: memory, sockets and keys.
 
 mod claim;
 mod lock_file;

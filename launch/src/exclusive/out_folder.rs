@@ -1,4 +1,4 @@
-//! A folder belongs to one run at a time.
+//! An output folder, which belongs to one run at a time.
 
 use std::io::ErrorKind;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -8,19 +8,19 @@ use std::time::SystemTime;
 use super::lock_file::{Holder, LockFile, Refused};
 use crate::error::Failure;
 
-/// The file that shows that a run writes into the folder.
+/// Name of the lock file in the folder.
 const LOCK: &str = ".whirlstand.lock";
 
-/// A folder that a run writes its files into, and nobody else meanwhile.
+/// A folder into which one run writes its files exclusively.
 #[derive(Debug)]
 pub(crate) struct OutFolder {
     path: PathBuf,
-    /// `None` where the file system knows no locks.
+    /// `None` where the file system does not support locks.
     lock: Option<LockFile>,
 }
 
 impl OutFolder {
-    /// A folder that the user named; made if it is not there.
+    /// A folder that the user named; it is created if it does not exist.
     ///
     /// # Errors
     /// When it cannot be made, or another run writes into it.
@@ -29,8 +29,8 @@ impl OutFolder {
         Self::lock(path, LOCK)
     }
 
-    /// A folder that the user named, for one of several runs that write different files into it at the same time: kept from
-    /// another run of the same part only.
+    /// A folder that the user named, for one of several runs that write different files into it at the same time.
+    /// It is locked against another run of the same part only.
     ///
     /// # Errors
     /// When it cannot be made, or another run of the part writes into it.
@@ -39,7 +39,7 @@ impl OutFolder {
         Self::lock(path, &format!("{LOCK}.{part}"))
     }
 
-    /// A folder that nobody had before: `out/NAME-DATE-TIME`, in UTC, with a number behind it if there is one already.
+    /// A new folder: `out/NAME-DATE-TIME`, in UTC, with a number appended if that name exists.
     ///
     /// # Errors
     /// When it cannot be made.
@@ -51,17 +51,17 @@ impl OutFolder {
         Self::lock(&make_new(base, &format!("{name}-{stamp}"))?, LOCK)
     }
 
-    /// Where it is, from the root.
+    /// Absolute path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The file that is the lock.
+    /// Path of the lock file.
     pub fn lock_path(&self) -> Option<&Path> {
         self.lock.as_ref().map(LockFile::path)
     }
 
-    /// The lock, for whoever shall hold it as well.
+    /// Descriptor of the lock, for a process that is to hold it too.
     pub fn lock_fd(&self) -> Option<BorrowedFd<'_>> {
         self.lock.as_ref().map(AsFd::as_fd)
     }
@@ -89,12 +89,12 @@ impl OutFolder {
     }
 }
 
-/// Some network file systems and user-space ones.
+/// Whether the file system does not support locks, as some network and user-space file systems.
 fn knows_no_locks(error: &std::io::Error) -> bool {
     error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
 }
 
-/// Makes a folder that was not there, if need be under the name with a number.
+/// Makes a new folder, with a number appended to the name if necessary.
 fn make_new(base: &Path, name: &str) -> Result<PathBuf, Failure> {
     let mut path = base.join(name);
     let mut number = 1;

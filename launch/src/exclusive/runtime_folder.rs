@@ -1,8 +1,9 @@
-//! Where a user's runs keep what lives as long as they do: locks and sockets, and the keys of their benches.
+//! The folder for files that live as long as a run: locks, sockets, and the keys of benches.
 //!
-//! Locks and sockets are where the benches' own memory is, and not where `XDG_RUNTIME_DIR` says: that is another folder, or
-//! none, in another shell, and goes when the user logs out while a run goes on. Keys are there all the same, because other
-//! programs of the user look for them there; which folder it was is written in the lock.
+//! Locks and sockets are where the shared memory of benches is, and not in `XDG_RUNTIME_DIR`: that variable can
+//! differ or be absent in another shell, and its folder is removed when the user logs out while a run continues.
+//! Keys are in `XDG_RUNTIME_DIR` all the same, because other programs of the user look for them there; the lock
+//! file records which folder it was.
 
 use std::fs::{DirBuilder, Permissions};
 use std::io::ErrorKind;
@@ -11,13 +12,13 @@ use std::path::{Path, PathBuf};
 
 use crate::error::Failure;
 
-/// Shared memory, as Linux has it.
+/// Folder of shared memory on Linux.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// The folder of this user, made if it is not there; nobody else may look into it.
+/// The folder of this user, made if it does not exist; no other user may read it.
 ///
 /// # Errors
-/// When it cannot be made, or its name is taken by something of somebody else.
+/// When it cannot be made, or its name is taken by a file of another user.
 pub(crate) fn runtime_folder() -> Result<PathBuf, Failure> {
     let shared = Path::new(SHARED_MEMORY);
     let base = if shared.is_dir() { shared.to_path_buf() } else { std::env::temp_dir() };
@@ -25,8 +26,8 @@ pub(crate) fn runtime_folder() -> Result<PathBuf, Failure> {
     private_folder(&base.join(format!("whirlstand-{user}")), user)
 }
 
-/// The user's folder for the keys of all benches, which may not be there: under `XDG_RUNTIME_DIR`, which the system keeps for
-/// the user alone, or else under the temporary folder, where somebody else may have been first.
+/// The user's folder for the keys of all benches, which may not exist: under `XDG_RUNTIME_DIR`, which the system
+/// keeps for the user alone, or else under the temporary folder, where another user may have taken the name.
 pub(super) fn keys_folder() -> PathBuf {
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|p| p.is_dir());
     match runtime {
@@ -38,13 +39,13 @@ pub(super) fn keys_folder() -> PathBuf {
     }
 }
 
-/// Whether this is a folder of this user, and no link to one.
+/// Whether this is a folder of this user, and not a link to one.
 pub(super) fn is_own(path: &Path) -> bool {
     let user = rustix::process::geteuid().as_raw();
     path.symlink_metadata().is_ok_and(|found| found.is_dir() && found.uid() == user)
 }
 
-/// Makes a folder for this user alone, or closes an own one to all others.
+/// Makes a folder for this user alone, or removes all others' access to an existing folder of this user.
 ///
 /// # Errors
 /// As for [`runtime_folder`].

@@ -1,4 +1,4 @@
-//! What runs that were killed left behind, and its removal. A bench of which anybody lives is never touched.
+//! Files that killed runs left behind, and their removal. A bench with any living process is never touched.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -11,20 +11,20 @@ use super::lock_file::{Holder, LockFile, Refused, is_held, last_holder};
 use super::runtime_folder::{is_own, keys_folder, runtime_folder};
 use crate::error::Failure;
 
-/// What is left of one run.
+/// The files that one run left.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub(crate) struct StaleRun {
-    /// Its bench.
+    /// Name of its bench.
     pub bench: String,
     /// Number of files.
     pub files: usize,
-    /// Memory and disk that they take, bytes.
+    /// Memory and disk space of the files, bytes.
     pub bytes: u64,
-    /// When the run began, UTC (RFC 3339).
+    /// Start time of the run, UTC (RFC 3339).
     pub since: String,
 }
 
-/// What runs of this user left on this machine, by bench; a look that changes nothing.
+/// The files that runs of this user left on this machine, by bench. Nothing is changed.
 ///
 /// # Errors
 /// When shared memory cannot be listed.
@@ -34,7 +34,7 @@ pub(crate) fn stale() -> Result<Vec<StaleRun>, Failure> {
     let mut found: Vec<_> = stale_benches()
         .map_err(Failure::run)?
         .into_iter()
-        // A launcher has the name before anything of the bench is there.
+        // A launcher claims the name before anything of the bench exists.
         .filter(|left| !is_held(&claim_path(&folder, &left.bench)))
         .map(|left| StaleRun {
             bench: left.bench,
@@ -50,8 +50,8 @@ pub(crate) fn stale() -> Result<Vec<StaleRun>, Failure> {
         let left = Left { files: 1 + folders.map(files_in).sum::<usize>(), bench, since };
         left.add_to(&mut found);
     }
-    // Keys outlive a claim that is gone with the shared memory, after a start of the machine. Where both are in one folder,
-    // they do not, and sockets are beside them.
+    // Keys outlive a claim when shared memory is lost in a restart of the machine. Where keys and claims are in
+    // one folder, they do not, and the sockets are beside them.
     let keys = Some(keys_folder()).filter(|keys| is_own(keys) && *keys != folder);
     let entries = keys.and_then(|keys| std::fs::read_dir(keys).ok());
     for entry in entries.into_iter().flatten().flatten() {
@@ -66,7 +66,7 @@ pub(crate) fn stale() -> Result<Vec<StaleRun>, Failure> {
     Ok(found)
 }
 
-/// Files of a bench beside its memory.
+/// Files of a bench besides its shared memory.
 struct Left {
     bench: String,
     files: usize,
@@ -90,7 +90,8 @@ fn files_in(folder: &Path) -> usize {
     std::fs::read_dir(folder).map_or(0, Iterator::count)
 }
 
-/// Removes what is left of a bench, under a claim of its name. Returns whether it did: not if somebody uses the name again.
+/// Removes the files that a bench left, under a claim of its name. Returns whether they were removed: not if the
+/// name is in use again.
 ///
 /// # Errors
 /// When a file cannot be removed.
@@ -106,7 +107,7 @@ pub(crate) fn remove(bench: &str) -> Result<bool, Failure> {
         }
     };
     let residue = remove_residue(bench).map_err(Failure::run)?;
-    // What a file says is believed no further than the folders in which runs keep such things.
+    // A path in a lock file is accepted only inside the folders in which runs keep such files.
     let (sockets, keys) = last.map_or((None, None), |holder| (holder.sockets, holder.keys));
     if let Some(sockets) = sockets.filter(|s| s.parent() == Some(&folder)) {
         remove_folder(&sockets)?;

@@ -1,4 +1,4 @@
-//! Bridges in a launch file: which node asks for one, and whether its options can be.
+//! Bridges in a launch file: which node requests one, and whether its options are valid.
 
 use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, ConfigError};
@@ -63,8 +63,8 @@ impl Planner<'_> {
         Ok(Some(config))
     }
 
-    /// Angles, rates and angular accelerations of the bridge: no file declares a unit for them, so a number alone could be
-    /// meant in degrees as well as in radians.
+    /// Requires a unit for angles, angular rates and angular accelerations of the bridge: no file declares a unit
+    /// for them, so a plain number could be degrees as well as radians.
     fn check_bare_angles(&self) -> Result<(), LaunchError> {
         let refuse = |path: &[Step<'_>], amount: &Amount, symbol: &str| {
             let unit: Unit = symbol.parse().unwrap_or(Unit::ONE);
@@ -92,7 +92,7 @@ impl Planner<'_> {
         Ok(())
     }
 
-    /// Offsets of what is measured, in the unit of the vehicle's output of that name.
+    /// Checks the offsets of measured outputs, in the unit of the vehicle's output of that name.
     fn check_trims(&self, file: &LaunchFile) -> Result<(), LaunchError> {
         for name in file.bridge.measured.keys() {
             let path: &[Step<'_>] = at!["bridge", "measured", name, "offset"];

@@ -7,7 +7,7 @@ use whirlstand_msgs::names::{did_you_mean, nearest};
 use super::document::{Document, LaunchError};
 use crate::error::Failure;
 
-/// The launch file that `whirlstand run` takes without an argument.
+/// The launch file that `whirlstand run` uses without an argument.
 pub(crate) const DEFAULT: &str = "quadrotor";
 
 macro_rules! files {
@@ -44,13 +44,14 @@ pub(crate) const BUILTIN: &[(&str, &str)] = files![
 pub(crate) struct FoundFile {
     /// The document.
     pub document: Document,
-    /// Name for a bench whose file states none.
+    /// Name for a bench whose file does not state one.
     pub name: String,
-    /// Folder that paths in the file are relative to.
+    /// Folder to which paths in the file are relative.
     pub folder: PathBuf,
 }
 
-/// Why there is no such launch file: a name is compared with the built-in ones, a path with the files beside it.
+/// The error for a launch file that does not exist: a name is compared with the built-in ones, a path with the
+/// files beside it.
 fn absent(path: &Path, text: &str, error: &std::io::Error) -> Failure {
     let is_path = path.extension().is_some() || path.components().count() > 1;
     if !is_path {
@@ -81,7 +82,7 @@ fn absent(path: &Path, text: &str, error: &std::io::Error) -> Failure {
 /// Finds a launch file: a built-in name, or a path.
 ///
 /// # Errors
-/// When there is no such file, with the nearest built-in name; when it is not TOML.
+/// When no such file exists, with the nearest built-in name; when it is not TOML.
 pub(crate) fn find(name_or_path: &str) -> Result<FoundFile, Failure> {
     if let Some((name, text)) = BUILTIN.iter().find(|(name, _)| *name == name_or_path) {
         let document =

@@ -1,4 +1,4 @@
-//! A launch file as text with places: values can be overridden one by one, and every error knows its line.
+//! A launch file as text with positions: values can be overridden one by one, and every error names its line.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -14,7 +14,7 @@ use super::wording::reworded;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{place}: {message}")]
 pub(crate) struct LaunchError {
-    /// File and line, or the override that brought the value in.
+    /// File and line, or the override that set the value.
     pub place: String,
     /// What is wrong, what was expected, what to do.
     pub message: String,
@@ -23,18 +23,18 @@ pub(crate) struct LaunchError {
 /// The text of a launch file with its overrides, and the place of every key and value.
 #[derive(Debug, Clone)]
 pub(crate) struct Document {
-    /// What to call the file in messages.
+    /// Name of the file in messages.
     origin: String,
     text: String,
-    /// A value that override i brought in has a span that starts at `text.len() + 1 + i`.
+    /// A value that override i set has a span that starts at `text.len() + 1 + i`.
     overrides: Vec<Override>,
 }
 
 #[derive(Debug, Clone)]
 struct Override {
-    /// What to call it in messages.
+    /// Name of the override in messages.
     label: String,
-    /// `KEY = 0`: the key, in a form that the TOML parser takes apart.
+    /// `KEY = 0`: the key in a form that the TOML parser can split.
     key: String,
     /// `v = VALUE`.
     value: String,
@@ -74,7 +74,7 @@ macro_rules! at {
 pub(crate) use at;
 
 impl Document {
-    /// Parses the text of a launch file; `origin` is what messages call it.
+    /// Parses the text of a launch file; `origin` is its name in messages.
     ///
     /// # Errors
     /// When the text is not TOML, with the line.
@@ -119,7 +119,7 @@ impl Document {
         self.push(Override { label, key: format!("{} = 0", key.trim()), value })
     }
 
-    /// Applies one entry of a variant's `set` table; `label` is what messages call it.
+    /// Applies one entry of a variant's `set` table; `label` is its name in messages.
     ///
     /// # Errors
     /// As [`Document::set`].
@@ -133,9 +133,10 @@ impl Document {
         self.table().map(|_| ()).map_err(|message| LaunchError { place: label, message })
     }
 
-    /// The whole document with the overrides applied; the message of the override that does not apply.
+    /// The whole document with the overrides applied. The error is the message of the first override that
+    /// does not apply.
     fn table(&self) -> Result<DeTable<'_>, String> {
-        // The text was parsed when the document was made.
+        // The text was parsed when the document was made, so it parses.
         let table = DeTable::parse(&self.text).map_err(|e| e.message().to_string())?;
         let mut whole = Spanned::new(0..0, DeValue::Table(table.into_inner()));
         for (i, change) in self.overrides.iter().enumerate() {
@@ -155,12 +156,12 @@ impl Document {
         }
     }
 
-    /// The document with its overrides; those were checked one by one when they came.
+    /// The document with its overrides, each of which was checked when it was added.
     fn checked(&self) -> Result<DeTable<'_>, LaunchError> {
         self.table().map_err(|message| LaunchError { place: self.origin.clone(), message })
     }
 
-    /// Reads the document into its structure.
+    /// Deserialises the document into its structure.
     ///
     /// # Errors
     /// For an unknown key, with the nearest known one; for a missing key or a value of the wrong type.
@@ -176,7 +177,7 @@ impl Document {
         T::deserialize(toml::Deserializer::from(table)).map_err(|e| self.syntax_error(&e, 0..0))
     }
 
-    /// Reads the part at `path`; `None` when there is nothing.
+    /// Deserialises the part at `path`; `None` when that does not exist.
     ///
     /// # Errors
     /// As [`Document::read`].
@@ -195,7 +196,7 @@ impl Document {
         }
     }
 
-    /// An error about what stands at `path`, or at the deepest part of it that exists.
+    /// An error about the value at `path`, or at the deepest part of it that exists.
     pub fn error_at(&self, path: &[Step<'_>], message: impl Into<String>) -> LaunchError {
         let place = match self.table() {
             Ok(table) => self.place(&follow(&table, path).0),
@@ -261,7 +262,7 @@ fn dotted(key: &str) -> Option<Vec<Cow<'_, str>>> {
     }
 }
 
-/// Gives a value and everything in it the place `at`.
+/// Gives a value and all of its contents the position `at`.
 fn respan(value: &mut Spanned<DeValue<'_>>, at: usize) {
     let mut inner = std::mem::replace(value.get_mut(), DeValue::Boolean(false));
     match &mut inner {
@@ -280,7 +281,7 @@ fn respan(value: &mut Spanned<DeValue<'_>>, at: usize) {
     *value = Spanned::new(at..at, inner);
 }
 
-/// Puts `value` under `steps`; tables on the way are made, elements of arrays must exist.
+/// Sets `value` at `steps`. Missing tables on the way are created; elements of arrays must exist.
 fn assign<'d>(
     whole: &mut Spanned<DeValue<'d>>,
     steps: &[Cow<'d, str>],
@@ -296,7 +297,8 @@ fn assign<'d>(
             let key = table.keys().find(|k| k.get_ref() == first).cloned();
             let key = key.unwrap_or_else(|| Spanned::new(at..at, first.clone()));
             let inner = table.remove(&key);
-            // The key's own place changes with its value, so that an unknown key is told of the override.
+            // The key's own position changes with its value, so that an unknown key is reported for the
+            // override.
             let key = if rest.is_empty() { Spanned::new(at..at, key.into_inner()) } else { key };
             let mut inner = inner.unwrap_or_else(|| Spanned::new(at..at, DeValue::Table(DeTable::new())));
             let result = assign(&mut inner, rest, value, at);

@@ -1,4 +1,4 @@
-//! `[estimator]`: what its numbers mean in the units of the vehicle's sensors and inputs.
+//! `[estimator]`: conversion of its numbers from the units of the vehicle's sensors and inputs to SI.
 
 use whirlstand_control::Selector;
 use whirlstand_nodes::config::EstimatorConfig;
@@ -30,7 +30,7 @@ impl Planner<'_> {
         })
     }
 
-    /// A number that holds for several signals: it must mean the same for all of them.
+    /// A number that applies to several signals, in SI. It must have the same meaning for all of them.
     fn of_all(
         &self,
         signals: &[Named<'_>],
@@ -52,7 +52,8 @@ impl Planner<'_> {
         Ok(Some(si))
     }
 
-    /// The sensors whose bias is estimated: those that are named, or the gyros, which are rates whose angle is measured as well.
+    /// The sensors whose bias is estimated: the named ones, or else the gyros, which are rates whose angle is
+    /// measured as well.
     fn biased(&self, section: &EstimatorSection) -> Vec<Named<'_>> {
         let outputs: Vec<Named<'_>> =
             self.vehicle.outputs.iter().map(|o| (o.name.as_str(), &o.unit)).collect();
@@ -77,7 +78,7 @@ impl Planner<'_> {
 /// A signal of the vehicle and its unit.
 type Named<'v> = (&'v str, &'v SignalUnit);
 
-/// Those that are there; what is named wrongly is refused elsewhere.
+/// The selected signals that exist; a wrong name is refused elsewhere.
 fn selected<'v>(selectors: &[Selector], signals: &[Named<'v>]) -> Vec<Named<'v>> {
     let index = |selector: &Selector| match selector {
         Selector::Index(i) => Some(*i),

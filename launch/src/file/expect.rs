@@ -14,8 +14,8 @@ use super::document::{Document, LaunchError, at};
 use super::wording::unknown;
 
 /// Reads the limits of the section, in SI, and checks their keys and units against the vehicle. The limits of
-/// [`strict_limits`], and with a bridge of [`strict_bridge_limits`], that the section does not state come first, with their
-/// strict values.
+/// [`strict_limits`], and with a bridge those of [`strict_bridge_limits`], come first with their strict values
+/// where the section does not state them.
 pub(super) fn read(
     document: &Document,
     vehicle: &Vehicle,
@@ -55,7 +55,7 @@ pub(super) fn read(
     Ok(all)
 }
 
-/// A limit in SI; `readings` says why a number cannot stand there without a unit.
+/// A limit in SI; `readings` explains why a number without a unit is ambiguous here.
 fn limit(
     document: &Document,
     here: &[super::document::Step<'_>],

@@ -1,12 +1,12 @@
-//! Numbers of a launch file that are none.
+//! Numbers of a launch file that are infinite or not a number.
 
 use std::ops::Range;
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// Where the first number stands that is infinite or none at all. None means anything in a launch file, and a node that is sent
-/// its configuration as JSON would find nothing in its place.
+/// Position of the first number that is infinite or NaN. Neither has a meaning in a launch file, and JSON, in
+/// which a node receives its configuration, cannot represent them.
 pub(super) fn not_finite(table: &DeTable<'_>) -> Option<Range<usize>> {
     table.iter().find_map(|(_, value)| of_value(value))
 }

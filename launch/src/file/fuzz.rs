@@ -1,7 +1,7 @@
-//! Any text at all, as a launch file: benches that can be started, or an error that names the place.
+//! Fuzz test of launch files: any text gives benches that can be started, or an error that names its place.
 //!
-//! An input is a built-in file whose lines and values were damaged. `cargo test` tries some; `WHIRLSTAND_FUZZ_INPUTS` says how
-//! many, and `WHIRLSTAND_FUZZ_SEED` which.
+//! An input is a built-in file whose lines and values were damaged. `cargo test` tries some inputs;
+//! `WHIRLSTAND_FUZZ_INPUTS` sets their number and `WHIRLSTAND_FUZZ_SEED` selects them.
 
 use std::panic::catch_unwind;
 
@@ -13,7 +13,7 @@ use super::document::{Document, LaunchError};
 use super::jobs::{Jobs, jobs_of};
 use crate::cli::OverrideArgs;
 
-/// Values and pieces that are wrong in most places.
+/// Values and fragments that are wrong in most places.
 const WORDS: [&str; 44] = [
     "nan",
     "inf",
@@ -119,7 +119,7 @@ fn read(text: &str) -> Result<Jobs, LaunchError> {
     jobs_of(&FoundFile { document, name: "a".into(), folder: ".".into() }, &OverrideArgs::default(), false)
 }
 
-/// What is read can be started: its configuration reaches the nodes as it is.
+/// A file that can be read can be started: its configuration reaches the nodes unchanged.
 fn check(text: &str) {
     let jobs = match read(text) {
         Ok(jobs) => jobs,

@@ -13,7 +13,7 @@ use super::schema::{LaunchFile, VariantSection};
 pub(crate) struct Jobs {
     /// Name of the launch file's bench.
     pub name: String,
-    /// One line on what it shows.
+    /// Description of the bench in one line.
     pub description: String,
     /// The runs, one after the other.
     pub runs: Vec<Job>,
@@ -37,7 +37,7 @@ pub(crate) fn jobs(launch: &str, overrides: &OverrideArgs, no_log: bool) -> Resu
     jobs_of(&found, overrides, no_log).map_err(Failure::mend)
 }
 
-/// As [`jobs`], for a launch file that was found.
+/// As [`jobs`], for a launch file that has already been found.
 pub(crate) fn jobs_of(
     found: &FoundFile,
     overrides: &OverrideArgs,
@@ -57,7 +57,7 @@ pub(crate) fn jobs_of(
             let here = document.error_at(at!["variants", i, "set", &key], "").place;
             changed.set_value(format!("{here} (variant {}, {key} = {value})", variant.name), &key, &value)?;
         }
-        // The command line is stronger than the variant.
+        // The command line takes precedence over the variant.
         apply(&mut changed, overrides, no_log)?;
         let plan = plan(&changed, &found.name, &found.folder)?;
         runs.push(Job { variant: Some(variant.name.clone()), plan });
@@ -105,7 +105,7 @@ fn check_name(document: &Document, i: usize, variants: &[VariantSection]) -> Res
     Ok(())
 }
 
-/// A name that a folder gets must not lead out of the folder that it is in.
+/// A name that becomes a folder must not lead out of its parent folder.
 fn check_folder_name(document: &Document, here: &[Step<'_>], name: &str) -> Result<(), LaunchError> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     if !name.is_empty() && !name.starts_with('.') && name.len() <= 64 && name.chars().all(allowed) {
@@ -118,7 +118,7 @@ fn check_folder_name(document: &Document, here: &[Step<'_>], name: &str) -> Resu
     Err(document.error_at(here, message))
 }
 
-/// Dotted keys and values of a variant's `set`; tables on the way are taken apart, so that they change single keys.
+/// Dotted keys and values of a variant's `set`. Nested tables are flattened, so that they change single keys.
 fn flattened(table: &toml::Table) -> Vec<(String, toml::Value)> {
     let mut flat = Vec::new();
     for (key, value) in table {

@@ -1,4 +1,4 @@
-//! `[mirror]`: who holds the flight against the vehicle file, and what is done about a finding.
+//! `[mirror]`: which node compares the flight with the vehicle file, and the reaction to a finding.
 
 use whirlstand_nodes::config::{LawKind, MirrorConfig, OnFinding, Role};
 
@@ -8,7 +8,7 @@ use super::schema::LaunchFile;
 use super::wording::unknown;
 
 impl Planner<'_> {
-    /// Options of the mirror, if one flies.
+    /// Options of the mirror; `None` when it does not fly.
     pub(super) fn mirror(&self, file: &LaunchFile) -> Result<Option<MirrorConfig>, LaunchError> {
         let Some(section) = file.mirror.as_ref() else { return Ok(None) };
         let fail = |message: String| Err(self.document.error_at(at!["mirror", "on_finding"], message));
@@ -43,7 +43,7 @@ impl Planner<'_> {
     }
 }
 
-/// Whether the controller is a program or hardware that is not the bench's.
+/// Whether the controller is a program or hardware from outside the bench.
 fn is_foreign(file: &LaunchFile) -> bool {
     file.nodes.get(Role::Controller.name()).is_some_and(|n| n.exec.is_some() || n.external)
 }

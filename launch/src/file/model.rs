@@ -1,4 +1,4 @@
-//! The vehicle that law and filter believe in, where it is not the one that flies.
+//! The vehicle model used by law and filter, where it differs from the vehicle that flies.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use super::plan::Planner;
 use super::schema::LaunchFile;
 
 impl Planner<'_> {
-    /// Finds the model and holds its signals against those of the vehicle.
+    /// Finds the model and checks its signals against those of the vehicle.
     pub(super) fn model(
         &self,
         file: &LaunchFile,

@@ -1,4 +1,4 @@
-//! The nodes of a bench: the four roles, the programs that take their place, and further ones.
+//! The nodes of a bench: the four roles, the programs that replace them, and further programs.
 
 use whirlstand_bus::Transport;
 use whirlstand_nodes::config::Role;
@@ -9,7 +9,7 @@ use super::plan::{PlannedNode, Planner};
 use super::schema::{LaunchFile, NodeSection};
 use super::wording::unknown;
 
-/// Starting order of our own nodes: whoever listens comes before whoever talks.
+/// Starting order of the built-in nodes: subscribers come before publishers.
 const STARTING: [Role; 5] = [Role::Recorder, Role::Mirror, Role::Estimator, Role::Controller, Role::Plant];
 
 impl Planner<'_> {
@@ -22,7 +22,7 @@ impl Planner<'_> {
         let roles = STARTING.into_iter().filter(|r| match r {
             Role::Recorder => file.recorder.enabled,
             Role::Mirror => file.mirror.as_ref().is_some_and(|mirror| mirror.enabled),
-            // An autopilot estimates for itself.
+            // An autopilot has an estimator of its own.
             Role::Estimator => !file.has_autopilot(),
             _ => true,
         });
@@ -35,8 +35,8 @@ impl Planner<'_> {
             section: section.clone(),
         });
         let mut nodes: Vec<_> = roles.chain(further).collect();
-        // Foreign programs come last: over a network they are told the addresses of all our nodes, while they
-        // themselves need not tell any.
+        // Foreign programs come last: over a network they are given the addresses of all built-in nodes, but
+        // need not announce their own.
         nodes.sort_by_key(|n| n.section.exec.is_some());
         Ok(nodes)
     }

@@ -1,4 +1,5 @@
-//! From a launch file to a bench that can be started: names looked up, units turned into SI, everything checked.
+//! Makes a bench that can be started from a launch file: looks up names, converts units to SI and checks
+//! everything.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,10 +21,10 @@ use super::schema::{LaunchFile, NodeSection, RecorderSection};
 use super::security::Security;
 use super::wording::unknown;
 
-/// Fastest loop that can be asked for, Hz.
+/// Highest rate of the loop, Hz.
 const FASTEST_HZ: f64 = 100_000.0;
 
-/// Smallest size that a file of the log can be limited to, bytes: launch file and vehicle are in every one of them.
+/// Smallest limit on the size of a log file, bytes: each file contains the launch file and the vehicle.
 const LEAST_LOG_BYTES: u64 = 50_000;
 
 /// A bench, ready to be started.
@@ -31,17 +32,17 @@ const LEAST_LOG_BYTES: u64 = 50_000;
 pub(crate) struct Plan {
     /// Name of the bench.
     pub name: String,
-    /// The vehicle with the launch file's effects.
+    /// The vehicle, including the launch file's effects.
     pub vehicle: Vehicle,
     /// Configuration of all nodes; the bench's name and the log's path are filled in when the bench is started.
     pub config: NodeConfig,
     /// The nodes, in the order in which they are started.
     pub nodes: Vec<PlannedNode>,
-    /// Who is let in.
+    /// Protection of the bench: who may join.
     pub security: Security,
-    /// Where the live page is served, if it is.
+    /// Address of the live page, if it is served.
     pub live: Option<Address>,
-    /// Expectations that must hold at the end.
+    /// Expectations that are checked at the end.
     pub expect: Vec<whirlstand_evaluate::Expectation>,
 }
 
@@ -59,7 +60,7 @@ pub(crate) struct PlannedNode {
 /// Checks a launch file and makes a bench of it.
 ///
 /// # Errors
-/// For everything that [`LaunchFile`] does not know, names that the vehicle does not have, units that do not fit.
+/// For keys that [`LaunchFile`] does not know, names that the vehicle does not have, and units that do not fit.
 pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Plan, LaunchError> {
     let file: LaunchFile = document.read()?;
     let vehicle = Vehicle::find_from(&file.vehicle, Some(folder))
@@ -89,7 +90,7 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
         seed: file.seed,
         peers: Role::ALL.into_iter().filter(|r| *r != Role::Plant && native(*r)).collect(),
         start_timeout_s: start_timeout_s(&file),
-        // An autopilot's sensors come from the truth.
+        // The sensors of an autopilot are computed from the truth.
         telemetry: recorded || file.has_autopilot(),
         plant: planner.plant(&file)?,
         estimator: planner.estimator(&file)?,
@@ -122,14 +123,14 @@ pub(crate) fn plan(document: &Document, name: &str, folder: &Path) -> Result<Pla
     Ok(Plan { name, vehicle: extended, config, nodes, security, live, expect })
 }
 
-/// An initial state of `vehicle` in SI, from what the launch file has under its name; `None` where that is refused.
+/// An initial state of `vehicle` in SI, from the value in the launch file; `None` where that is refused.
 pub(crate) fn initial_state(vehicle: &Vehicle, name: &str, written: toml::Value) -> Option<f64> {
     let document = Document::parse("", "").ok()?;
     let amount = Amount::deserialize(written).ok()?;
     Planner { document: &document, vehicle }.state_value(at![name], name, &amount).ok()
 }
 
-/// The text that goes into the log: the file as it was read, and what was changed without editing it.
+/// The text for the log: the file as it was read, and the overrides.
 fn with_overrides(document: &Document) -> String {
     let mut text = document.text().to_string();
     for change in document.overrides() {
@@ -138,13 +139,13 @@ fn with_overrides(document: &Document) -> String {
     text
 }
 
-/// How often the plant can be started in a run.
+/// Most starts of the plant in a run.
 fn starts_of_the_plant(nodes: &[PlannedNode]) -> u32 {
     let plant = nodes.iter().find(|n| n.role == Some(Role::Plant)).map(|n| &n.section);
     plant.map_or(1, NodeSection::starts)
 }
 
-/// How long the plant waits for the other nodes.
+/// Time for which the plant waits for the other nodes, s.
 fn start_timeout_s(file: &LaunchFile) -> f64 {
     let usual = if file.has_autopilot() { 120.0 } else { 10.0 };
     file.plant.start_timeout_s.map_or(usual, |s| s.0)
@@ -157,7 +158,7 @@ fn realtime(nodes: &[PlannedNode]) -> BTreeMap<Role, RealtimeOptions> {
         .collect()
 }
 
-/// A launch file with its vehicle, while it is being checked.
+/// A launch file and its vehicle, while the file is being checked.
 pub(super) struct Planner<'a> {
     pub(super) document: &'a Document,
     pub(super) vehicle: &'a Vehicle,
@@ -203,7 +204,7 @@ impl Planner<'_> {
         Ok(())
     }
 
-    /// A time limit that makes sense.
+    /// Checks the limits of the log files.
     fn check_recorder(&self, recorder: &RecorderSection) -> Result<(), LaunchError> {
         let fail = |key: &str, message: String| Err(self.document.error_at(at!["recorder", key], message));
         if let Some(size) = recorder.max_size.filter(|size| size.0 < LEAST_LOG_BYTES) {
@@ -314,7 +315,7 @@ impl Planner<'_> {
         self.signal(here, name, amount, &self.vehicle.inputs[i].unit)
     }
 
-    /// A value of a signal in SI; without a unit only where the number can mean one thing.
+    /// A value of a signal in SI. A plain number is accepted only where its unit is unambiguous.
     pub(super) fn signal(
         &self,
         here: &[Step<'_>],
@@ -367,7 +368,7 @@ impl Planner<'_> {
         Ok(changes)
     }
 
-    /// The launch file's effects, and the vehicle that has them.
+    /// The launch file's effects, and the vehicle with these effects.
     fn effects(&self, count: usize, duration_s: f64) -> Result<(Vec<Effect>, Vehicle), LaunchError> {
         let mut extended = self.vehicle.clone();
         let own = extended.effects.len();

@@ -1,4 +1,4 @@
-//! What protection a launch file asks for.
+//! The protection that a launch file requests.
 
 use std::path::Path;
 
@@ -11,7 +11,8 @@ use super::security::{Security, secret_beyond_its_reach};
 use crate::key_folder::KeyFolder;
 
 impl Planner<'_> {
-    /// What the launch file asks for, or else a secret; a bench that a secret cannot protect has to say what it wants.
+    /// The protection that the launch file states, or else a secret. A bench that a secret cannot protect has to
+    /// state its protection.
     pub(super) fn security(
         &self,
         file: &LaunchFile,

@@ -17,20 +17,21 @@ use super::amount::{Amount, Bytes, Seconds, hertz};
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct LaunchFile {
-    /// Name of the bench; the file's name without it.
+    /// Name of the bench; by default the name of the file.
     pub name: Option<String>,
-    /// One line on what the bench shows.
+    /// Description of the bench in one line.
     #[serde(default)]
     pub description: String,
     /// Built-in vehicle, or a path relative to the launch file.
     pub vehicle: String,
-    /// What law and filter take the vehicle for: built-in, or a path relative to the launch file; the vehicle without it.
+    /// Vehicle model used by law and filter: built-in, or a path relative to the launch file. By default the
+    /// vehicle itself.
     #[serde(default)]
     pub model: Option<String>,
-    /// What sets the pace of the loop.
+    /// Clock of the loop: lockstep or real time.
     #[serde(default = "realtime")]
     pub mode: Mode,
-    /// What carries the messages.
+    /// Transport of the messages.
     #[serde(default = "iceoryx2")]
     pub transport: Transport,
     /// Rate of the loop, Hz.
@@ -42,7 +43,7 @@ pub(crate) struct LaunchFile {
     /// Seed of every random number.
     #[serde(default = "seed")]
     pub seed: u64,
-    /// Effects, added to the vehicle's; read one by one so that errors know their line.
+    /// Effects, added to those of the vehicle. They are read one by one so that errors name their line.
     #[serde(default)]
     pub effects: Vec<IgnoredAny>,
     #[serde(default)]
@@ -58,21 +59,21 @@ pub(crate) struct LaunchFile {
     pub stick: Vec<BTreeMap<String, Amount>>,
     #[serde(default)]
     pub recorder: RecorderSection,
-    /// Options of single nodes, and programs that take their place or join them.
+    /// Options of single nodes, and programs that replace or join them.
     #[serde(default)]
     pub nodes: BTreeMap<String, NodeSection>,
-    /// Options of the bridge that a node asks for.
+    /// Options of the bridge that a node requests.
     #[serde(default)]
     pub bridge: BridgeOptions,
     #[serde(default)]
     pub zenoh: ZenohSection,
     #[serde(default)]
     pub security: SecuritySection,
-    /// Holds the flight against the vehicle file.
+    /// Options of the mirror, which compares the flight with the vehicle file.
     pub mirror: Option<MirrorSection>,
     /// A page that shows the bench while it flies.
     pub live: Option<LiveSection>,
-    /// What must hold at the end; read by [`super::expect`].
+    /// Expectations that are checked at the end; read by [`super::expect`].
     #[serde(default)]
     pub expect: BTreeMap<String, IgnoredAny>,
     /// Several runs of the bench, compared in one report.
@@ -85,19 +86,21 @@ pub(crate) struct LaunchFile {
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct EstimatorSection {
     pub kind: EstimatorKind,
-    /// What declared vibration is taken for.
+    /// How the filter models declared vibration.
     pub vibration: VibrationModel,
-    /// SI for a density of noise on each state: its unit is composite, and no text is taken for it.
+    /// Density of process noise on each state, SI: its unit is composite, so no unit can be written.
     pub process_noise: Option<Weights>,
     pub bias: Option<Vec<Selector>>,
-    /// In the unit of the biased sensors.
+    /// Initial standard deviation of a bias, in the unit of the biased sensors.
     pub bias_std: Option<Amount>,
-    /// In the unit of the biased sensors: what a bias wanders in the first second.
+    /// Random walk of a bias: its standard deviation after the first second, in the unit of the biased
+    /// sensors.
     pub bias_walk: Option<Amount>,
     pub input_bias: Vec<Selector>,
-    /// In the unit of the offset inputs.
+    /// Initial standard deviation of an input offset, in the unit of the offset inputs.
     pub input_bias_std: Option<Amount>,
-    /// In the unit of the offset inputs: what an offset wanders in the first second.
+    /// Random walk of an offset: its standard deviation after the first second, in the unit of the offset
+    /// inputs.
     pub input_bias_walk: Option<Amount>,
     pub outputs: Option<Vec<Selector>>,
 }
@@ -113,16 +116,16 @@ impl LaunchFile {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct PlantSection {
-    /// Engine state: amplitude of the vibration.
+    /// Engine state, which sets the amplitude of the vibration.
     pub engine: Engine,
     /// Initial states by name.
     pub initial: BTreeMap<String, Amount>,
-    /// Consecutive misses until the failsafe.
+    /// Consecutive deadline misses until the failsafe.
     pub misses_to_failsafe: u32,
-    /// Longest wall-clock wait for a command in lockstep; as long as the nodes live unless it is set.
+    /// Longest wall-clock wait for a command in lockstep; by default as long as the nodes live.
     pub answer_timeout_s: Option<Seconds>,
-    /// Longest wall-clock wait for the other nodes before step 0; 10 s, or 120 s for an autopilot, which has to start
-    /// and to be armed.
+    /// Longest wall-clock wait for the other nodes before step 0. The default is 10 s, or 120 s for an autopilot,
+    /// which has to start and to be armed.
     pub start_timeout_s: Option<Seconds>,
     /// Take disturbances from topic `inject`.
     pub inject: bool,
@@ -146,9 +149,9 @@ impl Default for PlantSection {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct MirrorSection {
-    /// Whether it flies, so that variants can leave it out.
+    /// Whether the mirror flies, so that variants can leave it out.
     pub enabled: bool,
-    /// What is done about a finding: `tell`, `failsafe` or `law`.
+    /// Reaction to a finding: `tell`, `failsafe` or `law`.
     pub on_finding: String,
 }
 
@@ -162,7 +165,7 @@ impl Default for MirrorSection {
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct LiveSection {
-    /// Where the page is served: PORT, IP, IP:PORT; loopback without it.
+    /// Address of the page: PORT, IP, IP:PORT; on loopback where no IP is given.
     pub address: String,
 }
 
@@ -172,11 +175,11 @@ pub(crate) struct LiveSection {
 pub(crate) struct RecorderSection {
     /// Whether the run keeps a log.
     pub enabled: bool,
-    /// Size at which the log goes on in the next file.
+    /// Size at which the log continues in the next file.
     pub max_size: Option<Bytes>,
-    /// Bench time after which the log goes on in the next file.
+    /// Bench time after which the log continues in the next file.
     pub max_duration: Option<Seconds>,
-    /// So many files are kept, the last ones.
+    /// Number of files that are kept, the most recent ones.
     pub segments: Option<u32>,
 }
 
@@ -190,41 +193,42 @@ impl Default for RecorderSection {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct NodeSection {
-    /// Program and arguments that run instead of the built-in node, or as a node of a new name.
+    /// Program and arguments that replace the built-in node, or run as a node of a new name.
     pub exec: Option<Vec<String>>,
-    /// Real hardware that takes the node's place.
+    /// Kind of real hardware that replaces the node.
     pub bridge: Option<BridgeKind>,
-    /// More environment variables for `exec`.
+    /// Additional environment variables for `exec`.
     pub env: BTreeMap<String, String>,
     /// How the launcher learns that the node is ready.
     pub ready: Ready,
-    /// The node runs elsewhere, started by hand with `whirlstand node`; the launcher does not start it.
+    /// Whether the node runs elsewhere and is started by hand with `whirlstand node`; the launcher does not
+    /// start it.
     pub external: bool,
     /// Zenoh endpoints that this node listens on instead of those of `[zenoh]`.
     pub listen: Vec<String>,
     /// Zenoh endpoints that this node connects to, beside those of `[zenoh]`.
     pub connect: Vec<String>,
-    /// What happens when the node dies.
+    /// Reaction to the death of the node.
     pub restart: Restart,
-    /// How often it is restarted at most.
+    /// Most restarts of the node.
     pub max_restarts: u32,
-    /// Longest time until it is ready.
+    /// Longest time until the node is ready.
     pub ready_timeout_s: Seconds,
-    /// Longest silence of a node that publishes `Health`; then it is killed and counts as failed.
+    /// Longest silence of a node that publishes `Health`. After it the node is killed and counts as failed.
     pub hang_timeout_s: Seconds,
-    /// Time between asking it to end (SIGTERM) and killing it (SIGKILL); see [`Self::stop_timeout_s`].
+    /// Time between the request to end (SIGTERM) and the kill (SIGKILL); see [`Self::stop_timeout_s`].
     pub stop_timeout_s: Option<Seconds>,
     /// Priority under SCHED_FIFO, 1 to 99.
     #[serde(deserialize_with = "priority")]
     pub priority: Option<u8>,
-    /// CPUs that it may use; empty: all.
+    /// CPUs that the node may use; empty: all.
     pub cpus: Vec<usize>,
     /// Lock all memory.
     pub lock_memory: bool,
 }
 
 impl NodeSection {
-    /// How often the node can be started in a run.
+    /// Most starts of the node in a run.
     pub fn starts(&self) -> u32 {
         match self.restart {
             Restart::Never => 1,
@@ -232,20 +236,20 @@ impl NodeSection {
         }
     }
 
-    /// Time between asking the node to end and killing it, s: 3 s unless stated, and half a minute for a recorder, which has
-    /// to bring a log to a disk that may be busy. Killing it would lose what it holds.
+    /// Time between the request to end and the kill, s. By default 3 s, and half a minute for a recorder, which
+    /// has to write its log to a disk that may be busy; a kill would lose the messages that it holds.
     pub fn stop_timeout_s(&self, role: Option<Role>) -> f64 {
         let usual = if role == Some(Role::Recorder) { 30.0 } else { 3.0 };
         self.stop_timeout_s.map_or(usual, |stated| stated.0)
     }
 
-    /// What the node asks of the operating system.
+    /// The real-time options that the node requests from the operating system.
     pub fn realtime(&self) -> RealtimeOptions {
         RealtimeOptions { priority: self.priority, cpus: self.cpus.clone(), lock_memory: self.lock_memory }
     }
 }
 
-/// Any number, so that one out of range is refused in words.
+/// Reads a priority of any size, so that one out of range gets a clear message.
 fn priority<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<u8>, D::Error> {
     let asked = i64::deserialize(deserializer)?;
     let known = u8::try_from(asked).ok().filter(|p| (1..=99).contains(p));
@@ -276,7 +280,7 @@ impl Default for NodeSection {
     }
 }
 
-/// How a node becomes ready.
+/// How a node reports that it is ready.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Ready {
@@ -300,19 +304,20 @@ pub(crate) enum Restart {
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct ZenohSection {
-    /// Endpoints that every node listens on, with port 0 so that each takes a free one; empty: on the loopback.
+    /// Endpoints on which every node listens, with port 0 so that each takes a free one; empty: on the
+    /// loopback.
     pub listen: Vec<String>,
-    /// Endpoints that every node connects to, beside the other nodes of the bench.
+    /// Endpoints to which every node connects, besides the other nodes of the bench.
     pub connect: Vec<String>,
     /// Zenoh's own configuration file (JSON5), relative to the launch file.
     pub config: Option<String>,
 }
 
-/// `[security]`: who is let into a bench over Zenoh.
+/// `[security]`: who may join a bench over Zenoh.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct SecuritySection {
-    /// Without it: a secret, where that can protect the bench.
+    /// Mode of protection. By default a secret, where that can protect the bench.
     pub mode: Option<SecurityMode>,
     /// Folder that `whirlstand keys new` has made, relative to the launch file.
     pub keys: Option<String>,
@@ -322,11 +327,11 @@ pub(crate) struct SecuritySection {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum SecurityMode {
-    /// Not at all.
+    /// No protection.
     Open,
-    /// By keys that the launcher makes for one run, on one host.
+    /// Keys that the launcher makes for one run, on one host.
     Secret,
-    /// By keys that were made before, on several hosts.
+    /// Keys that were made before, on several hosts.
     Tls,
 }
 
@@ -336,7 +341,7 @@ pub(crate) enum SecurityMode {
 pub(crate) struct VariantSection {
     /// Name of the run; also its folder.
     pub name: String,
-    /// What differs: dotted keys and values, as with `--set`.
+    /// The differences: dotted keys and values, as with `--set`.
     #[serde(default)]
     pub set: toml::Table,
 }

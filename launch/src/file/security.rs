@@ -2,14 +2,14 @@
 
 use crate::key_folder::KeyFolder;
 
-/// Who is let into a bench over Zenoh. Over shared memory the operating system decides: its files are the user's own.
+/// Who may join a bench over Zenoh. Over shared memory the operating system decides: its files belong to the user.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Security {
-    /// Everybody who reaches it, unless Zenoh's own configuration says otherwise.
+    /// Everybody who reaches the bench, unless Zenoh's own configuration restricts that.
     Open,
     /// Nodes of this run on this host, with keys that the launcher makes for it.
     Secret,
-    /// Whoever has a key from this folder.
+    /// Every program that has a key from this folder.
     Tls(KeyFolder),
 }
 

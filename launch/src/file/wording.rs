@@ -2,7 +2,7 @@
 
 use whirlstand_msgs::names::did_you_mean;
 
-/// A sentence for a word that is not among the known ones: what it was meant to be, and the known ones.
+/// A sentence on an unknown word: the nearest known word, and all known words.
 pub(crate) fn unknown<'k>(what: &str, wanted: &str, known: impl IntoIterator<Item = &'k str>) -> String {
     let known: Vec<_> = known.into_iter().collect();
     if known.is_empty() {

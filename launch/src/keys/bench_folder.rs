@@ -1,5 +1,5 @@
-//! Where programs that the launcher does not start find what they need to join a running bench: a folder that only the
-//! user of the bench can read, with one Zenoh configuration for each name.
+//! The folder with the data that programs not started by the launcher need to join a running bench. Only the user
+//! of the bench can read it. It holds one Zenoh configuration for each name.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -11,19 +11,19 @@ use whirlstand_msgs::names::did_you_mean;
 use crate::error::Failure;
 use crate::exclusive::{benches_with_keys, keys_of, own_folder};
 
-/// Time between two looks for a bench that is about to begin.
+/// Time between two checks for a bench that is starting.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// The folder of a running bench; it goes with the launcher.
+/// The folder of a running bench; it is removed when this is dropped.
 pub(crate) struct BenchFolder {
     path: PathBuf,
-    /// Whom it has a configuration for.
+    /// Bus configurations of the members that may join from outside.
     joiners: Vec<BusConfig>,
 }
 
 impl BenchFolder {
-    /// Makes the folder, which is that of a [`Claim`](crate::exclusive::Claim) that the caller holds; [`Self::update`] then
-    /// fills it with a configuration for each of `joiners`.
+    /// Makes the folder, at the path of a [`Claim`](crate::exclusive::Claim) that the caller holds.
+    /// [`Self::update`] then writes a configuration for each of `joiners` into it.
     ///
     /// # Errors
     /// When the user's folder cannot be trusted.
@@ -38,7 +38,7 @@ impl BenchFolder {
         Ok(Self { path: own_folder(path)?, joiners })
     }
 
-    /// Writes all configurations anew, with the addresses on which the bench can be reached now.
+    /// Rewrites all configurations with the addresses on which the bench can be reached now.
     ///
     /// # Errors
     /// When they cannot be written.
@@ -56,7 +56,7 @@ impl BenchFolder {
 
 impl Drop for BenchFolder {
     fn drop(&mut self) {
-        // What stays is swept by the next bench.
+        // A folder that stays is removed by the next bench of that name.
         let _ = std::fs::remove_dir_all(&self.path);
     }
 }
@@ -64,7 +64,7 @@ impl Drop for BenchFolder {
 /// The configuration with which `name` joins the running bench.
 ///
 /// # Errors
-/// When no such bench runs, or it has no such name.
+/// When no such bench runs, or it has no configuration for that name.
 pub(crate) fn configuration(bench: &str, name: &str) -> Result<PathBuf, Failure> {
     let Some(folder) = keys_of(bench)?.filter(|folder| folder.is_dir()) else {
         let running = benches_with_keys()?;
@@ -86,10 +86,10 @@ pub(crate) fn configuration(bench: &str, name: &str) -> Result<PathBuf, Failure>
     Err(Failure::Mend(format!("bench \"{bench}\" has no configuration for '{name}'{hint}: it has {names}")))
 }
 
-/// As [`configuration`], for a bench that may be about to begin.
+/// As [`configuration`], for a bench that may only be starting.
 ///
 /// # Errors
-/// As [`configuration`], once `patience` is over.
+/// As [`configuration`], after the time `patience`.
 pub(crate) fn await_configuration(bench: &str, name: &str, patience: Duration) -> Result<PathBuf, Failure> {
     let until = Instant::now() + patience;
     loop {
@@ -106,10 +106,10 @@ fn file_name(name: &str) -> String {
     format!("{name}{EXTENSION}")
 }
 
-/// Writes a file that only its owner can read, in one step: a reader finds the old text or the new one.
+/// Writes a file that only its owner can read, atomically: a reader finds the old text or the new one.
 pub(crate) fn write_private(path: &Path, text: &str) -> io::Result<()> {
     let folder = path.parent().ok_or(io::ErrorKind::InvalidInput)?;
-    // Made with mode 0600.
+    // The file is made with mode 0600.
     let mut file = tempfile::NamedTempFile::new_in(folder)?;
     file.write_all(text.as_bytes())?;
     file.persist(path).map(|_| ()).map_err(|e| e.error)

@@ -7,19 +7,19 @@ use crate::error::Failure;
 use crate::file::{Plan, Security};
 use crate::key_folder::KeyFolder;
 
-/// Names under which nodes on this host reach each other.
+/// Host names under which nodes on this host reach each other.
 pub(crate) const LOOPBACK: [&str; 3] = ["127.0.0.1", "::1", "localhost"];
 
-/// Hands out the identities of a bench's members.
+/// Issues the identities of a bench's members.
 pub(crate) struct BenchKeys {
     source: Source,
     members: Vec<Member>,
 }
 
 enum Source {
-    /// Nobody needs a key.
+    /// An open bench: no member needs a key.
     Open,
-    /// Keys for this run alone.
+    /// Keys made for this run only.
     Fresh(Box<Authority>),
     /// Keys that were made before, for several hosts.
     Folder(KeyFolder),
@@ -41,10 +41,10 @@ impl BenchKeys {
         Ok(Self { source, members: members(plan) })
     }
 
-    /// What the member `name` needs to join; `None` on an open bench.
+    /// Key and certificates with which the member `name` joins; `None` on an open bench.
     ///
     /// # Errors
-    /// When its key is not there or cannot be made.
+    /// When its key does not exist or cannot be made.
     pub fn protection(&self, name: &str) -> Result<Option<Protection>, Failure> {
         let identity = match &self.source {
             Source::Open => return Ok(None),

@@ -1,20 +1,21 @@
-//! The members of a bench, and what each may publish.
+//! The members of a bench, and the topics that each may publish.
 
 use whirlstand_bus::{Member, Writes};
 use whirlstand_nodes::topics::{of_the_loop, published_by};
 
 use crate::file::{Plan, PlannedNode};
 
-/// The launcher itself; it listens to `Health`.
+/// Name of the launcher, which subscribes to `Health`.
 pub(crate) const LAUNCHER: &str = "launcher";
 
-/// Whoever looks at the bench from outside: it hears everything and publishes nothing.
+/// Member name of outside viewers: they receive every topic and publish none.
 pub(crate) const OBSERVER: &str = "observer";
 
-/// A program from outside that has something to say: topics of its own, `inject`, `pilot`; none of the loop.
+/// Member name of outside programs that publish: topics of their own, `inject` and `pilot`, but none of the
+/// loop.
 pub(crate) const GUEST: &str = "guest";
 
-/// All members of a planned bench. A node may bear the name of one that every bench has; it then is that one.
+/// All members of a planned bench. A node with the name of a standard member is that member.
 pub(super) fn members(plan: &Plan) -> Vec<Member> {
     let mut members: Vec<Member> =
         plan.nodes.iter().map(|node| Member { name: node.name.clone(), writes: writes(node) }).collect();

@@ -1,4 +1,5 @@
-//! Keys of a bench over Zenoh: who its members are, where their keys come from, and where outside programs find theirs.
+//! Keys of a bench over Zenoh: its members, the origin of their keys, and the folder in which outside programs
+//! find theirs.
 
 mod bench_folder;
 mod bench_keys;

@@ -1,4 +1,4 @@
-//! Asks a running bench for changes in flight, and hears what became of them.
+//! Requests changes of a running bench in flight, and receives the answers.
 
 use std::time::{Duration, Instant};
 
@@ -14,19 +14,20 @@ use crate::keys::GUEST;
 /// Longest wait for all answers.
 pub(super) const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Time after which the bench is joined anew: over a network, nodes that were not there yet have addresses by then.
+/// Time after which the bench is joined again: over a network, nodes that were not there yet have addresses by
+/// then.
 const JOIN_AGAIN: Duration = Duration::from_secs(2);
 
-/// Time after which a request is sent once more; a node does it once all the same.
+/// Time after which a request is sent again. A node carries it out only once.
 const SEND_AGAIN: Duration = Duration::from_millis(250);
 
-/// Queue for answers, of others' requests too.
+/// Queue length for answers, including those to requests of others.
 const DEPTH: usize = 64;
 
-/// Asks for all that is wanted; the answers are in the same order. What a node refuses is an answer as well.
+/// Requests all `wanted` changes. The answers come in the same order; a refusal is an answer too.
 ///
 /// # Errors
-/// When the bench takes nothing of the kind, cannot be joined, or does not answer.
+/// When the bench does not accept such changes, cannot be joined, or does not answer.
 pub(crate) fn ask(card: &BenchCard, wanted: &[Wanted]) -> Result<Vec<Adjustment>, Failure> {
     wanted.iter().try_for_each(|one| is_open(card, one))?;
     let requests: Vec<_> = wanted.iter().map(Wanted::request).collect();
@@ -39,7 +40,7 @@ pub(crate) fn ask(card: &BenchCard, wanted: &[Wanted]) -> Result<Vec<Adjustment>
     heard.ok_or_else(|| no_answer(card))
 }
 
-/// Nobody has answered.
+/// The failure for a bench that does not answer.
 pub(super) fn no_answer(card: &BenchCard) -> Failure {
     Failure::Run(format!(
         "bench '{}' did not answer within {} s: its loop has stopped, or the node that should answer is missing",
@@ -48,10 +49,10 @@ pub(super) fn no_answer(card: &BenchCard) -> Failure {
     ))
 }
 
-/// Whether a bench takes a change from outside.
+/// Checks whether a bench accepts a change from outside.
 ///
 /// # Errors
-/// Why it does not.
+/// The reason why it does not.
 pub(super) fn is_open(card: &BenchCard, one: &Wanted) -> Result<(), Failure> {
     let closed = if one.is_for_the_plant() { &card.plant_closed } else { &card.controller_closed };
     let Some(why) = closed else { return Ok(()) };
@@ -59,7 +60,7 @@ pub(super) fn is_open(card: &BenchCard, one: &Wanted) -> Result<(), Failure> {
     Err(Failure::Mend(format!("bench '{}' accepts no {what} from outside: {why}", card.bench)))
 }
 
-/// Sends what is not answered yet, again and again, until all is answered or the time is over.
+/// Sends the unanswered requests repeatedly, until all are answered or the time is over.
 fn converse(
     card: &BenchCard,
     requests: &[Adjustment],
@@ -69,7 +70,7 @@ fn converse(
     converse_over(&card.join(GUEST)?, requests, answers, until)
 }
 
-/// The same on a bus that was joined.
+/// Exchanges requests and answers on a bus that has been joined.
 ///
 /// # Errors
 /// When the transport fails.

@@ -1,4 +1,5 @@
-//! What a running bench tells programs of the same user that want to join it: a file beside its sockets.
+//! The bench card: a file beside the sockets of a running bench with the data that programs of the same user
+//! need to join it.
 
 use std::path::Path;
 
@@ -17,37 +18,37 @@ use crate::keys::{configuration, write_private};
 
 const FILE: &str = "bench.json";
 
-/// A running bench.
+/// Description of a running bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BenchCard {
-    /// Its name.
+    /// Name of the bench.
     pub bench: String,
-    /// What carries its messages.
+    /// Transport of its messages.
     pub transport: Transport,
-    /// Who keeps the time.
+    /// Clock of the loop: lockstep or real time.
     pub mode: Mode,
     /// Period of the loop, ns.
     pub period_ns: u64,
-    /// The vehicle that it flies.
+    /// The vehicle that the bench flies.
     pub vehicle: VehicleSource,
-    /// What the engine does when the bench begins.
+    /// State of the engine when the bench starts.
     pub engine: Engine,
-    /// Effects of vehicle and launch file that can be switched.
+    /// Effects of the vehicle and the launch file that can be switched.
     pub effects: Vec<SwitchedEffect>,
-    /// Why the plant takes neither gusts nor a state of the engine; `None` when it does.
+    /// Reason why the plant accepts neither gusts nor an engine state; `None` when it accepts them.
     pub plant_closed: Option<String>,
-    /// Why the controller takes neither setpoints nor a gain; `None` when it does.
+    /// Reason why the controller accepts neither setpoints nor a gain; `None` when it accepts them.
     pub controller_closed: Option<String>,
-    /// The bench is run by this process, which can look into its own.
+    /// Whether this process runs the bench in its own address space.
     #[serde(skip)]
     pub is_own: bool,
-    /// How it is joined, when it runs on another host.
+    /// How to join the bench when it runs on another host.
     #[serde(skip)]
     pub remote: Option<Remote>,
 }
 
 impl BenchCard {
-    /// The card of a planned bench under its name.
+    /// The card of a planned bench with the name `bench`.
     pub fn new(plan: &Plan, bench: &str) -> Self {
         let config = &plan.config;
         let (is_vehicle, is_autopilot) = match &config.bridge {
@@ -86,7 +87,7 @@ impl BenchCard {
         }
     }
 
-    /// The card of the bench that the user means.
+    /// The card of the bench that the user selected.
     ///
     /// # Errors
     /// As [`BenchCard::of`] and [`BenchCard::elsewhere`].
@@ -100,11 +101,11 @@ impl BenchCard {
         }
     }
 
-    /// The card of a bench on another host, from the launch file that it flies there; `connect` are endpoints of nodes that are
-    /// not in it.
+    /// The card of a bench on another host, made from the launch file that it flies there; `connect` are endpoints
+    /// of nodes that are not in that file.
     ///
     /// # Errors
-    /// When the file cannot be read, and for a bench that is not reached from another host.
+    /// When the file cannot be read, and for a bench that cannot be reached from another host.
     fn elsewhere(
         bench: &str,
         launch: &str,
@@ -119,7 +120,7 @@ impl BenchCard {
         Ok(card)
     }
 
-    /// Leaves the card in the folder of a bench's sockets, with which it goes.
+    /// Writes the card into the folder of a bench's sockets, with which it is removed.
     ///
     /// # Errors
     /// When it cannot be written.
@@ -151,22 +152,22 @@ impl BenchCard {
 
     /// Whether the bench is over.
     pub fn is_over(&self) -> bool {
-        // Of one on another host only its plant can say so.
+        // For a bench on another host, only its plant can report the end.
         self.remote.is_none() && !matches!(sockets_of(&self.bench), Ok(Some(_)))
     }
 
-    /// The vehicle.
+    /// The vehicle of the bench.
     ///
     /// # Errors
-    /// When its text cannot be read, which the bench could.
+    /// When its text cannot be read, although the bench could read it.
     pub fn vehicle(&self) -> Result<Vehicle, Failure> {
         Vehicle::parse(&self.vehicle.text, &self.vehicle.origin).map_err(Failure::mend)
     }
 
-    /// Joins the bench as one of its members that stand outside, `guest` or `observer`.
+    /// Joins the bench as the outside member `guest` or `observer`.
     ///
     /// # Errors
-    /// When the transport refuses, or the bench has none.
+    /// When the transport refuses, or the bench has no such member.
     pub fn join(&self, member: &str) -> Result<Bus, Failure> {
         if self.transport == Transport::Inproc && !self.is_own {
             let bench = &self.bench;
@@ -183,19 +184,20 @@ impl BenchCard {
             }
             None => {}
         }
-        // Whoever looks on does not take the processor from those who fly.
+        // A viewer must not take the processor from the nodes of the loop.
         config.wait = WaitStrategy::realtime();
         Bus::open(&config).map_err(Failure::mend)
     }
 
-    /// How a member finds the others: over a network it changes as nodes come and go.
+    /// The addresses at which `member` finds the other nodes. Over a network they change as nodes come and
+    /// go.
     pub fn addresses(&self, member: &str) -> Option<String> {
         let changes = self.transport == Transport::Zenoh && self.remote.is_none();
         let path = changes.then(|| configuration(&self.bench, member).ok()).flatten();
         path.and_then(|path| std::fs::read_to_string(path).ok())
     }
 
-    /// "bench lab over iceoryx2: open to ...", for whoever starts it.
+    /// A line such as "bench lab over iceoryx2: open to ...", for the user who starts the bench.
     pub fn line(&self) -> String {
         let plant = ("gusts, engine", "inject, adjust", &self.plant_closed);
         let controller = ("setpoints, gain, stick", "pilot, adjust, stick", &self.controller_closed);

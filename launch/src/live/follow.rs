@@ -1,4 +1,4 @@
-//! Follows a topic of a running bench, whatever its messages are.
+//! Follows a topic of a running bench, for any message type.
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -20,29 +20,30 @@ use crate::file::unknown;
 use crate::keys::OBSERVER;
 use crate::supervisor::Signals;
 
-/// Time between two looks whether a signal came or the bench is over.
+/// Time between two checks for a signal or the end of the bench.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Time without any message after which the bench is joined anew: over a network, nodes that were not there yet have
-/// addresses by then.
+/// Time without any message after which the bench is joined again: over a network, nodes that were not there yet
+/// have addresses by then.
 const JOIN_AGAIN: Duration = Duration::from_secs(2);
 
-/// How a topic was followed.
+/// Result of following a topic.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Follow {
-    /// Messages that were shown.
+    /// Number of messages that were shown.
     pub shown: u64,
-    /// Messages that came faster than they were shown.
+    /// Number of messages that were lost because they arrived faster than they were shown.
     pub lost: u64,
-    /// The signal that ended it.
+    /// The signal that ended it, if one did.
     pub signal: Option<i32>,
 }
 
-/// Hands every message of a topic, as something to show, to `show`, until that has enough, a signal comes, or the bench is
-/// over.
+/// Passes every message of a topic, in a form that can be shown, to `show`, until `show` has enough, a signal
+/// arrives, or the bench ends.
 ///
 /// # Errors
-/// For a topic that there is not, a bench that cannot be joined, signals that cannot be had, or a failure of `show`.
+/// For a topic that does not exist, a bench that cannot be joined, a signal handler that cannot be installed, or a
+/// failure of `show`.
 pub(crate) fn follow(
     card: &BenchCard,
     topic: &str,
@@ -96,7 +97,7 @@ fn follow_type<M: Message>(
     Ok(follow)
 }
 
-/// Listens until the end; or until `patience` is over, if nothing came.
+/// Receives messages until the end, or until `patience` is over without a message.
 fn listen<M: Message>(
     bus: &Bus,
     card: &BenchCard,
@@ -134,7 +135,7 @@ fn listen<M: Message>(
     }
 }
 
-/// How the end of a bench is noticed: on this machine its sockets go, of one on another host only its plant says so.
+/// Detects the end of a bench. On this machine its sockets disappear; on another host its plant reports the end.
 struct End(Option<Subscriber<Health>>);
 
 impl End {

@@ -1,5 +1,5 @@
-//! A viewer's hand on the stick of a bench: what it says goes to the controller, until it is silent or the bench says that the
-//! law flies again.
+//! Manual control by a viewer: the viewer's stick positions go to the controller until the viewer is silent or the
+//! bench reports that the law has control again.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -17,24 +17,25 @@ use super::wanted::Wanted;
 use crate::error::Failure;
 use crate::keys::GUEST;
 
-/// Longest time without a word of a hand, before its thread ends. The controller takes the stick back much earlier.
+/// Longest silence of a viewer before the thread of its hand ends. The controller takes the stick back much
+/// earlier.
 const SILENCE: Duration = Duration::from_secs(2);
 
-/// Queue for what the bench answers, others' requests too.
+/// Queue length for the answers of the bench, including those to requests of others.
 const DEPTH: usize = 64;
 
-/// The hand of one viewer, and the thread that speaks for it.
+/// The hand of one viewer on the stick, and the thread that sends its positions.
 struct Hand {
     id: u64,
     moves: SyncSender<[f64; MAX_INPUTS]>,
 }
 
-/// The hand that holds the stick, if one does.
+/// The hand that holds the stick, if any.
 #[derive(Default)]
 pub(super) struct Hands(Mutex<Option<Hand>>);
 
 impl Hands {
-    /// Takes the stick over, under a number that the viewer has chosen and that no other request has.
+    /// Takes the stick over under the number `id`, which the viewer chose and no other request has.
     pub fn take(&self, card: &BenchCard, vehicle: &Vehicle, id: u64) -> Answer {
         let wanted = Wanted::Stick(Some(id));
         is_open(card, &wanted).map_err(|e| e.to_string())?;
@@ -44,7 +45,7 @@ impl Hands {
         let body = move || match open(&bench, &wanted) {
             Ok((held, answer)) => {
                 let is_ours = answer.verdict == AdjustmentVerdict::Done as u32;
-                // Whoever asked may have gone.
+                // The viewer that asked may have left.
                 let _ = tell.send(Ok(answer));
                 if is_ours && let Err(e) = held.hold(id, &said) {
                     tracing::warn!("the stick is released: {e}");
@@ -64,18 +65,18 @@ impl Hands {
         Ok(told.sentence())
     }
 
-    /// What the hand wants the inputs to be.
+    /// Sets the inputs that the hand commands, SI.
     pub fn say(&self, id: u64, u: [f64; MAX_INPUTS]) -> Answer {
         let hand = self.hand();
         let own = hand.as_ref().filter(|hand| hand.id == id);
-        // A move that finds one waiting is left out: the next is newer.
+        // A position is left out while an earlier one waits: the next one is newer.
         match own.map(|own| own.moves.try_send(u)) {
             Some(Ok(()) | Err(TrySendError::Full(_))) => Ok(String::new()),
             _ => Err("you do not have the stick: the law or somebody else is flying".into()),
         }
     }
 
-    /// Lets go.
+    /// Gives the stick back.
     pub fn give(&self, id: u64) {
         self.hand().take_if(|hand| hand.id == id);
     }
@@ -85,14 +86,15 @@ impl Hands {
     }
 }
 
-/// A stick that was asked for.
+/// A stick that was requested from the bench.
 struct Held {
     _bus: Bus,
     publisher: whirlstand_bus::Publisher<Stick>,
     heard: Subscriber<Adjustment>,
 }
 
-/// Joins the bench and asks for its stick. All ports are there before, since the bench begins to wait with its answer.
+/// Joins the bench and requests its stick. All ports are opened before that, since the bench begins to wait for
+/// positions with its answer.
 fn open(card: &BenchCard, wanted: &Wanted) -> Result<(Held, Adjustment), Failure> {
     let bus = card.join(GUEST)?;
     let publisher = bus.publisher().map_err(Failure::mend)?;
@@ -104,7 +106,7 @@ fn open(card: &BenchCard, wanted: &Wanted) -> Result<(Held, Adjustment), Failure
 }
 
 impl Held {
-    /// Hands on what the hand says, until it is silent or the bench says that the law flies.
+    /// Sends the hand's positions until the hand is silent or the bench reports that the law has control.
     fn hold(mut self, id: u64, said: &Receiver<[f64; MAX_INPUTS]>) -> Result<(), Failure> {
         while let Ok(u) = said.recv_timeout(SILENCE) {
             self.publisher.send(&Stick { u, id, ..Stick::zeroed() }).map_err(Failure::run)?;

@@ -1,4 +1,4 @@
-//! Looks at a running bench for all viewers of a page, until the bench is over.
+//! Collects the messages of a running bench for all viewers of a page, until the bench ends.
 
 use std::time::{Duration, Instant};
 
@@ -8,29 +8,29 @@ use super::card::BenchCard;
 use crate::error::Failure;
 use crate::keys::OBSERVER;
 
-/// Time between two looks whether the bench is over, or its nodes have other addresses.
+/// Time between two checks whether the bench has ended or its nodes have other addresses.
 const CHECK: Duration = Duration::from_millis(250);
 
-/// Time between two attempts to join a bench that is about to begin.
+/// Time between two attempts to join a bench that is starting.
 const JOIN_AGAIN: Duration = Duration::from_millis(50);
 
-/// Time after which a bench on another host is joined anew when not all of its nodes have been heard, and twice that each time
-/// again: a link that breaks while it is made is not always made once more.
+/// Time after which a bench on another host is joined again when not all of its nodes have been heard; it doubles
+/// with each attempt. A link that breaks while it is set up is not always set up again.
 const NOT_HEARD: Duration = Duration::from_secs(2);
 
-/// The longest of these times: a node may be missing for good.
+/// Largest value of that time, since a node may be missing permanently.
 const NOT_HEARD_LONGEST: Duration = Duration::from_secs(64);
 
-/// Why looking ended.
+/// Reason why the collection ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Seen {
-    /// The bench is over.
+    /// The bench has ended.
     Over,
-    /// The looker was told to end.
+    /// The collection was told to end.
     Told,
 }
 
-/// A look at one bench.
+/// The collection of one bench's messages.
 pub(crate) struct Look {
     card: BenchCard,
     collector: Collector,
@@ -39,7 +39,7 @@ pub(crate) struct Look {
 }
 
 impl Look {
-    /// Tells the viewers what is flown, those with Foxglove too.
+    /// Sends the viewers, including those with Foxglove, the description of the vehicle.
     ///
     /// # Errors
     /// When the vehicle cannot be read, or Foxglove's topics are refused.
@@ -72,8 +72,8 @@ impl Look {
         Ok(Self { card: card.clone(), collector, hub: hub.clone(), foxglove })
     }
 
-    /// Looks until the bench is over or `is_told_to_end` says so; that is asked all the time. A bench that `begins` may not
-    /// be there yet. `pause` sleeps until a time, or less.
+    /// Collects until the bench ends or `is_told_to_end` returns true, which is checked continually. A bench that
+    /// `begins` may not exist yet. `pause` sleeps until a time at most.
     ///
     /// # Errors
     /// When the bench cannot be joined, or the transport fails.
@@ -90,7 +90,7 @@ impl Look {
             if is_told_to_end() {
                 return Ok(Seen::Told);
             }
-            // Read before the bench is joined, so that a change meanwhile is noticed.
+            // The addresses are read before the bench is joined, so that a change in between is noticed.
             let addresses = card.addresses(OBSERVER);
             let bus = match card.join(OBSERVER) {
                 Ok(bus) => bus,

@@ -1,4 +1,5 @@
-//! A bench that runs, seen from outside: what it is, joining it, asking it for a change, and following what it says.
+//! Access to a running bench from outside: its description, joining it, requesting a change, and following its
+//! messages.
 
 mod ask;
 mod card;

@@ -1,4 +1,5 @@
-//! The live page of a run, and the same for Foxglove, in the launcher's process: the loop is in others, or in a thread that does not know of it.
+//! The live page of a run, and its Foxglove server, in the launcher's process. The loop runs in other processes,
+//! or in a thread that is independent of them.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,16 +22,16 @@ use crate::error::Failure;
 /// Longest gust that a viewer may ask for, s.
 const LONGEST_GUST_S: f64 = 3600.0;
 
-/// Where a bench is shown while it flies.
+/// Addresses at which a running bench is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct LiveAddresses {
-    /// The page.
+    /// Address of the live page.
     pub page: Option<Address>,
-    /// For Foxglove.
+    /// Address of the Foxglove server.
     pub foxglove: Option<Address>,
 }
 
-/// The page, the same for Foxglove, and the bench that they show at present.
+/// The live page, the Foxglove server, and the bench that they show at present.
 pub(crate) struct LivePage {
     hub: Hub,
     server: Option<Server>,
@@ -38,7 +39,7 @@ pub(crate) struct LivePage {
     shown: Arc<Mutex<Option<BenchCard>>>,
 }
 
-/// A bench that is being looked at by a thread of its own, until dropped.
+/// A thread that collects the messages of a bench, until this is dropped.
 pub(crate) struct Looker {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -46,10 +47,10 @@ pub(crate) struct Looker {
 }
 
 impl LivePage {
-    /// Serves what has an address; `None` when nothing has.
+    /// Serves the page and Foxglove at the given addresses; `None` when neither has one.
     ///
     /// # Errors
-    /// When an address cannot be had.
+    /// When an address is not available.
     pub fn open(addresses: LiveAddresses) -> Result<Option<Self>, Failure> {
         if addresses == LiveAddresses::default() {
             return Ok(None);
@@ -70,7 +71,7 @@ impl LivePage {
         Ok(Some(Self { hub, server, foxglove, shown }))
     }
 
-    /// Says where to look.
+    /// Prints the addresses of the page and of the Foxglove server.
     pub fn announce(&self) {
         if let Some(server) = &self.server {
             crate::style::say(&format!("live page {}", server.url()));
@@ -81,7 +82,7 @@ impl LivePage {
         }
     }
 
-    /// Begins to look at a bench that runs.
+    /// Begins to collect the messages of a running bench.
     ///
     /// # Errors
     /// As [`Look::begin`].
@@ -89,15 +90,15 @@ impl LivePage {
         Look::begin(card, title, &self.hub, self.foxglove.as_ref())
     }
 
-    /// Lets viewers ask a bench for changes.
+    /// Lets viewers request changes of a bench.
     pub fn hand_over(&self, card: &BenchCard) {
         *self.shown.lock().unwrap_or_else(PoisonError::into_inner) = Some(card.clone());
     }
 
-    /// Shows a bench that is about to begin.
+    /// Shows a bench that is starting.
     ///
     /// # Errors
-    /// When the vehicle cannot be read, or there is no thread.
+    /// When the vehicle cannot be read, or no thread can be started.
     pub fn look_at(&self, card: &BenchCard, title: &str) -> Result<Looker, Failure> {
         let look = self.begin(card, title)?;
         let stop = Arc::new(AtomicBool::new(false));
@@ -115,7 +116,7 @@ impl LivePage {
         Ok(Looker { stop, thread: Some(thread), shown: self.shown.clone() })
     }
 
-    /// Tells the viewers why nothing more comes.
+    /// Tells the viewers that the bench has ended, with the reason.
     pub fn end(self, why: &str) {
         self.hub.end(why);
     }
@@ -131,7 +132,7 @@ impl Drop for Looker {
     }
 }
 
-/// Does what a viewer asks for.
+/// Carries out a viewer's request.
 fn act(card: &BenchCard, hands: &Hands, control: &Control) -> Answer {
     let text = |e: Failure| e.to_string();
     let vehicle = card.vehicle().map_err(text)?;
@@ -156,7 +157,7 @@ fn act(card: &BenchCard, hands: &Hands, control: &Control) -> Answer {
     if told.refused.is_some() { Err(told.sentence()) } else { Ok(told.sentence()) }
 }
 
-/// The inputs at which a stick stands: between neutral and the limits of each.
+/// Inputs that belong to stick positions: from -1 to 1 between the limits of each input, 0 at neutral.
 fn deflected(vehicle: &Vehicle, at: &BTreeMap<String, f64>) -> Result<[f64; MAX_INPUTS], String> {
     let mut u = [0.0; MAX_INPUTS];
     for (u, input) in u.iter_mut().zip(&vehicle.inputs) {

@@ -1,4 +1,4 @@
-//! A bench on another host: its launch file says what it is, and where its nodes listen.
+//! A bench on another host, described by its launch file, including the endpoints of its nodes.
 
 use whirlstand_bus::{BusConfig, Protection, Transport};
 
@@ -11,17 +11,18 @@ use crate::keys::{BenchKeys, GUEST, OBSERVER};
 pub(crate) struct Remote {
     /// Endpoints of its nodes.
     connect: Vec<String>,
-    /// Its nodes that say how they are.
+    /// Names of its nodes that publish `Health`.
     pub nodes: Vec<String>,
-    /// What each of [`OBSERVER`] and [`GUEST`] needs, or why it is not there.
+    /// Protection of [`OBSERVER`] and of [`GUEST`], or the reason why it is missing.
     members: [(&'static str, Result<Option<Protection>, String>); 2],
 }
 
 impl Remote {
-    /// How the bench of a plan is joined from another host; `connect` are endpoints of nodes that are not in it.
+    /// How to join the bench of a plan from another host; `connect` are endpoints of nodes that are not in the
+    /// plan.
     ///
     /// # Errors
-    /// For a bench that is not reached from another host, and when the observer's key is not here.
+    /// For a bench that cannot be reached from another host, and when the observer's key is not on this host.
     pub fn new(plan: &Plan, connect: &[String]) -> Result<Self, Failure> {
         if plan.config.transport != Transport::Zenoh {
             return Err(Failure::Mend(format!(
@@ -47,13 +48,13 @@ impl Remote {
         }
         let keys = BenchKeys::new(plan)?;
         let of = |name| (name, keys.protection(name).map_err(|e| e.to_string()));
-        // Who looks needs the observer's key in any case.
+        // A viewer needs the observer's key in any case.
         keys.protection(OBSERVER)?;
         let nodes = plan.nodes.iter().filter(|n| n.role.is_some()).map(|n| n.name.clone()).collect();
         Ok(Self { connect, nodes, members: [of(OBSERVER), of(GUEST)] })
     }
 
-    /// Fills in how `member` joins.
+    /// Adds endpoints and protection of `member` to its bus configuration.
     ///
     /// # Errors
     /// When its key is not on this host.

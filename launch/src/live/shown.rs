@@ -10,20 +10,21 @@ pub(crate) struct Shown<'m> {
     topic: &'m str,
     fields: &'static [Field],
     bytes: &'m [u8],
-    /// The node that says so.
+    /// The node that sent the message, for `Health`.
     speaker: Option<&'m str>,
     json: Value,
 }
 
 impl<'m> Shown<'m> {
-    /// A message that came on a topic.
+    /// A message received on a topic.
     pub fn new<M: Message>(topic: &'m str, message: &'m M) -> Self {
         Self {
             topic,
             fields: M::FIELDS,
             bytes: bytemuck::bytes_of(message),
             speaker: message.speaker(),
-            // Fixed-size plain data: there is nothing that JSON could refuse, and what is no number becomes null.
+            // Messages are fixed-size plain data that JSON always accepts; a value that is no number becomes
+            // null.
             json: serde_json::to_value(message).unwrap_or_default(),
         }
     }
@@ -33,11 +34,11 @@ impl<'m> Shown<'m> {
         json!({ "schema": "whirlstand.message.v1", "topic": self.topic, "message": self.json })
     }
 
-    /// The message as a line: its step, its time, and what it says of this vehicle.
+    /// The message as a line: step, time, and values with the vehicle's names and units.
     pub fn line(&self, vehicle: &Vehicle) -> String {
         let (step, stamp_ns) = (self.u64_at(8), self.u64_at(16));
         let mut line = match self.speaker {
-            // Health has the wall clock's time, which is now.
+            // `Health` carries wall-clock time, which is the present.
             Some(node) => format!("{node}  step {step}"),
             None => format!("t {:8.3} s  step {step}", stamp_ns as f64 * 1e-9),
         };
@@ -64,7 +65,7 @@ impl<'m> Shown<'m> {
                     say(&name, unit.text(self.f64_at(at(i))));
                 }
             }
-            // Histograms are for programs.
+            // Histograms are left out, because they are for programs.
             _ => {}
         }
     }
@@ -82,7 +83,7 @@ impl<'m> Shown<'m> {
     }
 }
 
-/// The unit of a scalar field, if it bears the name of an output.
+/// The unit of a scalar field that has the name of an output; otherwise none.
 fn unit_of(name: &str, vehicle: &Vehicle) -> ShownUnit {
     let output = vehicle.outputs.iter().find(|o| o.name == name);
     output.map_or_else(ShownUnit::default, |o| o.unit.shown())

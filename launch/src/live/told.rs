@@ -1,4 +1,4 @@
-//! What became of a change in flight, in words.
+//! The result of a change in flight, in words.
 
 use serde_json::{Value, json};
 use whirlstand_msgs::{Adjustment, AdjustmentVerdict};
@@ -8,13 +8,13 @@ use whirlstand_vehicle::Vehicle;
 use super::wanted::Wanted;
 use crate::style;
 
-/// What became of one change.
+/// The result of one change.
 pub(crate) struct Told {
     what: String,
     value: f64,
     step: u64,
     time_s: f64,
-    /// Why it is refused, if it is.
+    /// Reason for the refusal, if the change was refused.
     pub refused: Option<String>,
 }
 
@@ -36,14 +36,14 @@ impl Told {
         }
     }
 
-    /// As JSON, SI.
+    /// The result as JSON, SI.
     pub fn json(&self) -> Value {
         json!({
             "what": self.what, "value_si": self.value, "step": self.step, "t_s": self.time_s, "refused": self.refused,
         })
     }
 
-    /// As a line for a terminal.
+    /// The result as a line for a terminal.
     pub fn line(&self) -> String {
         match &self.refused {
             None => format!("{}\n", self.sentence()),
@@ -51,7 +51,7 @@ impl Told {
         }
     }
 
-    /// As a sentence.
+    /// The result as a sentence.
     pub fn sentence(&self) -> String {
         match &self.refused {
             None => format!("{} from t {:.3} s on (step {})", self.what, self.time_s, self.step),

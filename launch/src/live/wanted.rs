@@ -1,4 +1,4 @@
-//! A change in flight as a user writes it, and as the bench hears it.
+//! A change in flight, as the user writes it and as a request to the bench.
 
 use std::hash::{BuildHasher, RandomState};
 
@@ -12,7 +12,7 @@ use whirlstand_vehicle::{State, Vehicle};
 use crate::error::Failure;
 use crate::file::unknown;
 
-/// What stands before a state's name in the key of its setpoint.
+/// Prefix of a state's name in the key of its setpoint.
 const SETPOINT: &str = "setpoint.";
 
 /// The engine's states by name, in the order of their numbers in the message.
@@ -21,40 +21,40 @@ const ENGINES: [(&str, Engine); 3] = [("off", Engine::Off), ("on", Engine::On), 
 /// A change in flight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Wanted {
-    /// A push on a state.
+    /// A disturbance that acts on a state.
     Gust {
-        /// The state's index.
+        /// Index of the state.
         state: usize,
-        /// Added to its derivative, SI.
+        /// Term added to the state's derivative, SI.
         size: f64,
-        /// Bench time that it lasts, s.
+        /// Duration in bench time, s.
         length_s: f64,
     },
-    /// What the engine does.
+    /// State of the engine.
     Engine(Engine),
-    /// The reference of a state.
+    /// Setpoint of a state.
     Setpoint {
-        /// The state's index.
+        /// Index of the state.
         state: usize,
-        /// SI.
+        /// Value of the setpoint, SI.
         value: f64,
     },
     /// A factor on the law's feedback.
     Gain(f64),
-    /// The end of the run, in order.
+    /// Ordered end of the run.
     Stop,
-    /// The stick is taken over under this number, or given back.
+    /// Takes the stick over under this number, or gives it back (`None`).
     Stick(Option<u64>),
-    /// An effect that has a window acts from now on, or does not.
+    /// Switches an effect that has a window on or off from now on.
     Effect {
-        /// Its index among the vehicle's and the launch file's.
+        /// Index of the effect among those of the vehicle and the launch file.
         effect: usize,
-        /// Whether it acts.
+        /// Whether the effect acts.
         on: bool,
     },
 }
 
-/// What stands before the number of an effect.
+/// Prefix of the number of an effect in its key.
 const EFFECT: &str = "effect.";
 
 impl Wanted {
@@ -104,7 +104,7 @@ impl Wanted {
         }
     }
 
-    /// The request, under a number of its own.
+    /// The request message, with a unique number.
     pub fn request(&self) -> Adjustment {
         let mut request = Adjustment { id: RandomState::new().hash_one(0), ..Adjustment::zeroed() };
         let kind = match *self {
@@ -140,17 +140,17 @@ impl Wanted {
         request
     }
 
-    /// Whether it is the plant's business; all else is the controller's.
+    /// Whether the plant carries out the change; the controller carries out all others.
     pub fn is_for_the_plant(&self) -> bool {
         !matches!(self, Self::Setpoint { .. } | Self::Gain(_) | Self::Stick(_))
     }
 
-    /// Key of the launch file that opens the bench to it.
+    /// Key of the launch file that permits the change.
     pub fn key(&self) -> &'static str {
         if self.is_for_the_plant() { "plant.inject" } else { "controller.pilot" }
     }
 
-    /// As text, in the units of the vehicle file.
+    /// The change as text, in the units of the vehicle file.
     pub fn text(&self, vehicle: &Vehicle) -> String {
         match *self {
             Self::Gust { state, size, length_s } => {
@@ -184,7 +184,7 @@ fn assignment<'t>(text: &'t str, example: &str) -> Result<(&'t str, &'t str), Fa
     })
 }
 
-/// Effects are numbered from 1, those of the vehicle file first.
+/// Reads the switching of an effect. Effects are numbered from 1, those of the vehicle file first.
 fn switch(text: &str, number: &str, value: &str) -> Result<Wanted, Failure> {
     let effect = number.parse::<u32>().ok().and_then(|n| n.checked_sub(1));
     let effect = effect
@@ -209,7 +209,7 @@ fn state_of<'v>(name: &str, vehicle: &'v Vehicle) -> Result<(usize, &'v State), 
 fn per_second(unit: &Unit) -> Unit {
     let symbol = unit.si_symbol();
     let text = if symbol.is_empty() { "1/s".into() } else { format!("{symbol}/s") };
-    // A unit over s is one whenever the unit is one.
+    // A valid unit divided by s is a valid unit.
     text.parse().unwrap_or(Unit::ONE)
 }
 

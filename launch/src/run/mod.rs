@@ -1,4 +1,4 @@
-//! `whirlstand run`: a bench from its launch file to its verdict.
+//! `whirlstand run`: runs a bench, from its launch file to its verdict.
 
 mod one;
 mod progress;
@@ -28,16 +28,16 @@ use crate::file::{DEFAULT, Jobs, jobs};
 use crate::live::{BenchCard, LiveAddresses, LivePage};
 use crate::supervisor::Ending;
 
-/// Runs a launch file, all its variants one after the other, and leaves log, summary and report.
+/// Runs a launch file, with all its variants one after the other, and writes log, summary and report.
 pub(crate) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let jobs = jobs(args.launch.as_deref().unwrap_or(DEFAULT), &args.overrides, args.no_log)?;
-    // All variants of a run have the name that was given; without one, each gets its own.
+    // All variants of a run share the given bench name; without one, each variant gets its own.
     let given = args.bench.as_deref().map(Claim::take).transpose()?;
     let live = LiveAddresses { page: args.live, foxglove: args.foxglove };
     fly_all(&jobs, given.as_ref(), args.out.as_deref(), live, &args.json)
 }
 
-/// Flies all runs of a launch file one after the other, and leaves log, summary and report of each.
+/// Flies all runs of a launch file one after the other, and writes log, summary and report of each.
 ///
 /// # Errors
 /// When a bench cannot be started, or its files cannot be written.
@@ -56,7 +56,7 @@ pub(crate) fn fly_all(
     tidy(quiet);
     let page = live.page.or_else(|| jobs.runs.first().and_then(|job| job.plan.live));
     let page = LivePage::open(LiveAddresses { page, ..live })?;
-    // Said in any case: nobody could find it otherwise.
+    // The address is always printed, because the user could not find it otherwise.
     page.iter().for_each(LivePage::announce);
     let mut runs = Vec::new();
     for job in &jobs.runs {
@@ -96,7 +96,7 @@ pub(crate) fn fly_all(
         page.end("The run is over; its report and log are in the folder shown in the terminal.");
     }
     let whole = summary::whole(jobs, &runs);
-    // The verdict is told even where no file can be written any more.
+    // The verdict is printed even when no file can be written any more.
     let written = summary::write(jobs, out.path(), &whole, &runs);
     crate::command::tell(json, &whole, || verdict::closing_lines(out.path(), &runs))?;
     written.map(|()| exit_code(&runs))
@@ -108,7 +108,7 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan, bench:
     let mode = serde_json::to_value(config.mode).ok();
     let word = |v: &Option<serde_json::Value>| v.as_ref().and_then(|v| v.as_str()).unwrap_or("").to_string();
     let autopilot = config.bridge.as_ref().and_then(AutopilotConfig::of);
-    // The law is that of the controller whose place an autopilot has.
+    // An autopilot replaces the controller, whose law is then that of the autopilot.
     let pilot = autopilot.map_or_else(|| word(&law), |a| a.kind.autopilot().into());
     let variant = variant.map_or(String::new(), |v| format!(" / {v}"));
     crate::style::say(&format!(
@@ -129,7 +129,8 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan, bench:
     }
 }
 
-/// 0 when all went well, 1 when a run or an expectation failed, 2 when the user can mend it, 128 + n after signal n.
+/// Exit code: 0 when all went well, 1 when a run or an expectation failed, 2 when the user can correct the
+/// failure, 128 + n after signal n.
 fn exit_code(runs: &[summarised::Summarised]) -> ExitCode {
     let code = runs.iter().map(|run| match &run.ending {
         Ending::Interrupted(signal) => 128 + *signal as u8,

@@ -15,21 +15,21 @@ use crate::keys::BenchKeys;
 use crate::live::BenchCard;
 use crate::supervisor::{Observer, Outcome, ThreadEnd, supervise, supervise_thread};
 
-/// A run that is over.
+/// A finished run.
 #[derive(Debug)]
 pub(crate) struct FinishedRun {
     /// How the run ended, and the health of its nodes.
     pub outcome: Outcome,
     /// The log; `None` when the run keeps none.
     pub log: Option<PathBuf>,
-    /// Why something of the bench is left in shared memory.
+    /// Reason why shared memory of the bench could not be removed.
     pub residue: Option<String>,
 }
 
-/// Runs a planned bench, under the name that is claimed, to its end and leaves nothing of it behind but the log in `folder`.
+/// Runs a planned bench to its end under its claimed name, and leaves nothing of it but the log in `folder`.
 ///
 /// # Errors
-/// When the bench cannot even be started; a run that fails is no error here.
+/// When the bench cannot be started. A run that fails is not an error of this function.
 pub(crate) fn fly(
     plan: &Plan,
     folder: &OutFolder,
@@ -88,7 +88,8 @@ fn fly_in_thread(
         .map_err(|e| Failure::Run(format!("the supervisor failed: {e}")))
 }
 
-/// Removes the logs of an earlier run into the same folder, so that none of its parts is taken for one of this run.
+/// Removes the logs of an earlier run from the folder, so that none of their files is taken for a part of this
+/// run.
 fn remove_old_logs(folder: &Path) -> Result<(), Failure> {
     let entries = std::fs::read_dir(folder).map_err(|e| Failure::file("use the folder", folder, &e))?;
     for path in entries.flatten().map(|entry| entry.path()) {

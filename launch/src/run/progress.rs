@@ -1,4 +1,4 @@
-//! What is seen while a bench runs: one live line on a terminal, now and then a line elsewhere.
+//! Progress of a running bench: one live line on a terminal, elsewhere a line from time to time.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use super::waits::Waits;
 use crate::live::Looker;
 use crate::supervisor::{Continuation, Ending, Event, HealthTable, Observer};
 
-/// How often a line is written where no terminal shows the live one.
+/// Time between two lines without a terminal.
 const QUIET_LINE: Duration = Duration::from_secs(5);
 
 /// Shows the progress of one run on standard error.
@@ -19,18 +19,18 @@ pub(crate) struct Progress {
     bar: ProgressBar,
     period_s: f64,
     restarts: u32,
-    /// Step of the plant and time, at the last measurement of the pace.
+    /// Step of the plant and wall-clock time at the last measurement of the speed.
     last: Option<(u64, Instant)>,
     steps_per_s: f64,
     quiet: Option<PeriodicTimer>,
     failsafe: bool,
     waits: Waits,
-    /// Shows the run on the live page.
+    /// Collects the messages of the run for the live page.
     looker: Option<Looker>,
 }
 
 impl Progress {
-    /// Starts showing; `shown` is false when nothing shall be seen but warnings.
+    /// Begins to show progress; with `shown` false only warnings are shown.
     pub fn new(config: &NodeConfig, shown: bool) -> Self {
         let bar = if shown { ProgressBar::new(config.steps) } else { ProgressBar::hidden() };
         let style = ProgressStyle::with_template("{bar:24.cyan/dim} {percent:>3}%  {msg}");
@@ -49,12 +49,12 @@ impl Progress {
         }
     }
 
-    /// The same run is looked at for the live page, until its nodes have ended.
+    /// Adds the collection for the live page, which runs until the nodes have ended.
     pub fn with(self, looker: Option<Looker>) -> Self {
         Self { looker, ..self }
     }
 
-    /// Takes the live line away.
+    /// Removes the live line.
     pub fn finish(self) {
         self.bar.finish_and_clear();
     }

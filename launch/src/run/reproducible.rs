@@ -3,7 +3,7 @@
 use whirlstand_evaluate::metrics::Timing;
 use whirlstand_nodes::config::NodeConfig;
 
-/// Why another run can differ from this one; nothing for one that is reproducible.
+/// Reasons why another run can differ from this one; empty for a reproducible run.
 pub(super) fn reasons_against(
     config: &NodeConfig,
     timing: &Timing,

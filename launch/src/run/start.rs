@@ -1,4 +1,4 @@
-//! From a plan to the processes of one bench.
+//! Makes the processes of one bench from a plan.
 
 use std::ffi::OsString;
 use std::os::fd::AsFd;
@@ -18,10 +18,10 @@ use crate::file::{Plan, PlannedNode, Ready};
 use crate::keys::{BenchFolder, BenchKeys, GUEST, LAUNCHER, OBSERVER, write_private};
 use crate::supervisor::{BenchSpec, CommandLine, Guard, HealthSource, NodeSpec, Readiness, StopStage};
 
-/// Longest part of a bench's name that is taken from the launch file's name.
+/// Most characters of the launch file's name that become part of a bench's name.
 const LONGEST_NAME: usize = 24;
 
-/// A bench name that no other bench on this host has at this time.
+/// A bench name that is unique on this host at this time.
 pub(crate) fn unique_bench(name: &str) -> String {
     let head: String = plain(name).take(LONGEST_NAME).collect();
     // Process numbers are unique within one PID namespace only, and containers may share /dev/shm.
@@ -29,25 +29,25 @@ pub(crate) fn unique_bench(name: &str) -> String {
     format!("{head}-{}-{:05x}", std::process::id(), (now.as_nanos() >> 10) & 0xf_ffff)
 }
 
-/// A name in letters that every file system and the bus take.
+/// The characters of a name that every file system and the bus accept.
 fn plain(name: &str) -> impl Iterator<Item = char> {
     name.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '-' })
 }
 
 /// The launcher's subscription to the health of the bench.
 pub(crate) struct Listener {
-    // Dropped before the bus that it was announced on.
+    // Dropped before the bus on which it was announced.
     _token: LauncherToken,
     bus: Bus,
     health: Subscriber<Health>,
     bench: String,
-    /// What outside programs need to join.
+    /// Folder with the data that outside programs need to join.
     folder: Option<BenchFolder>,
     refused: bool,
 }
 
 impl Listener {
-    /// Joins the bench.
+    /// Joins the bench as the launcher.
     ///
     /// # Errors
     /// When the transport refuses.
@@ -101,15 +101,15 @@ impl HealthSource for Listener {
     }
 
     fn node_died(&mut self) {
-        // The bench is in use, so only what dead nodes hold is taken away; what stays is swept at the end.
+        // The bench is in use, so only resources of dead nodes are removed; the rest is removed at the end.
         if let Err(e) = whirlstand_bus::remove_residue(&self.bench) {
             tracing::warn!("{e}");
         }
     }
 }
 
-/// Who may join a bench without being started by the launcher, and how: whoever looks on, whoever has something to say,
-/// and the nodes that the launch file calls external. Keys of those that run elsewhere need not be here.
+/// Bus configurations of the members that may join without being started by the launcher: observer, guest, and the
+/// nodes that the launch file calls external. The keys of external nodes need not be on this host.
 fn joiners(plan: &Plan, keys: &BenchKeys) -> Vec<BusConfig> {
     let external = plan.nodes.iter().filter(|n| n.section.external);
     let external = external.map(|n| (n.name.as_str(), zenoh_of(plan, n)));
@@ -124,7 +124,7 @@ fn joiners(plan: &Plan, keys: &BenchKeys) -> Vec<BusConfig> {
     others.into_iter().chain(external).filter_map(joiner).collect()
 }
 
-/// Where a node listens and to whom it connects.
+/// Endpoints on which a node listens and to which it connects.
 fn zenoh_of(plan: &Plan, node: &PlannedNode) -> ZenohConfig {
     let mut zenoh = plan.config.zenoh.clone();
     if !node.section.listen.is_empty() {
@@ -134,7 +134,7 @@ fn zenoh_of(plan: &Plan, node: &PlannedNode) -> ZenohConfig {
     zenoh
 }
 
-/// How long a program waits for a link that cannot keep up is a matter of the bench's mode.
+/// How long a node waits for a slow link, which depends on the bench's mode.
 fn wait_of(mode: Mode) -> WaitStrategy {
     match mode {
         Mode::Lockstep => WaitStrategy::lockstep(),
@@ -142,19 +142,20 @@ fn wait_of(mode: Mode) -> WaitStrategy {
     }
 }
 
-/// What the nodes of a bench are started from.
+/// The data from which the nodes of a bench are started.
 struct Start<'a> {
     plan: &'a Plan,
     keys: &'a BenchKeys,
-    /// This executable.
+    /// Path of this executable.
     own: PathBuf,
-    /// Folder of the run.
+    /// Output folder of the run.
     out: &'a Path,
-    /// Folder for sockets and keys; only this user can look into it.
+    /// Folder for sockets and keys, which only this user can read.
     private: &'a Path,
 }
 
-/// What the supervisor starts for a plan; `private` is a folder that only this user can look into.
+/// The specification that the supervisor starts for a plan; `private` is a folder that only this user can
+/// read.
 ///
 /// # Errors
 /// When this executable cannot be found, a key is missing, or the configuration cannot be written.
@@ -179,7 +180,7 @@ fn own_executable() -> Result<PathBuf, Failure> {
         .map_err(|e| Failure::Mend(format!("cannot find the whirlstand executable to start its nodes: {e}")))
 }
 
-/// Starts the process that ends the nodes and tidies up if the launcher is killed.
+/// Starts the guard process, which ends the nodes and removes their files if the launcher is killed.
 ///
 /// # Errors
 /// When it cannot be started.
@@ -228,7 +229,8 @@ impl Start<'_> {
         })
     }
 
-    /// One of our own nodes: this executable again, with its configuration, its key among it, on standard input.
+    /// Command line of a built-in node: this executable, with the node's configuration, including its key, on
+    /// standard input.
     fn native(&self, node: &PlannedNode) -> Result<CommandLine, Failure> {
         let mut config = self.plan.config.clone();
         config.zenoh = zenoh_of(self.plan, node);
@@ -244,7 +246,7 @@ impl Start<'_> {
         })
     }
 
-    /// Any other program, told of the bench by its environment.
+    /// Command line of a foreign program, to which environment variables describe the bench.
     fn foreign(&self, node: &PlannedNode, exec: &[String]) -> Result<CommandLine, Failure> {
         let config = &self.plan.config;
         let mode = match config.mode {
@@ -269,7 +271,7 @@ impl Start<'_> {
                 let program = exec.first().cloned().unwrap_or_default();
                 (program.into(), exec[1..].iter().map(Into::into).collect())
             }
-            // This executable asks for the real-time options, says what is refused, and becomes the program.
+            // This executable requests the real-time options, reports refused ones, and becomes the program.
             options => {
                 let options = serde_json::to_string(&options).map_err(Failure::run)?;
                 let mut arguments: Vec<_> = ["exec", "--realtime", &options, "--"].map(Into::into).to_vec();
@@ -280,8 +282,9 @@ impl Start<'_> {
         Ok(CommandLine { program, arguments, env, stdin: None })
     }
 
-    /// Where a program listens and connects, and the file with Zenoh's configuration, which holds its key: an environment
-    /// can be read by fewer than a command line, and is handed on to more than a file.
+    /// Environment of a foreign program over Zenoh: the addresses on which it listens and connects, and the path
+    /// of Zenoh's configuration file, which contains its key. The key is kept in a file: an environment is
+    /// readable by fewer processes than a command line, but is inherited by more than need the key.
     fn zenoh_env(&self, node: &PlannedNode) -> Result<Vec<(String, String)>, Failure> {
         let mut bus = BusConfig::new(&self.plan.config.bench, &node.name, Transport::Zenoh);
         bus.wait = wait_of(self.plan.config.mode);
@@ -306,23 +309,23 @@ impl Start<'_> {
     }
 }
 
-/// What a run's own folder is called, before its date. The name may be that of a file, in any letters.
+/// Name of a run's own folder, before its date. `name` may be that of a file, with any characters.
 pub(crate) fn folder_name(name: &str) -> String {
     let name: String = plain(name).collect();
     name.trim_start_matches('.').into()
 }
 
-/// Removes what killed processes left of a bench in shared memory.
+/// Removes the shared memory that killed processes of a bench left.
 ///
 /// # Errors
-/// When something is left that cannot be removed.
+/// When some of it cannot be removed.
 pub(crate) fn sweep(bench: &str) -> Result<(), Failure> {
     whirlstand_bus::remove_residue(bench)
         .map(|_| ())
         .map_err(|e| Failure::Run(format!("shared memory of the bench {bench} could not be removed: {e}")))
 }
 
-/// A timer that is due once a period, for lines that shall not come too often.
+/// A timer that is due once per period, to limit how often a line is printed.
 #[derive(Debug)]
 pub(crate) struct PeriodicTimer {
     period: Duration,
@@ -335,7 +338,7 @@ impl PeriodicTimer {
         Self { period, due: now + period }
     }
 
-    /// Whether the timer is due; if so, the next time is one period later.
+    /// Whether the timer is due. If so, it is next due one period later.
     pub fn is_due(&mut self, now: Instant) -> bool {
         let due = now >= self.due;
         if due {

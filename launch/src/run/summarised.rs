@@ -1,4 +1,4 @@
-//! A run with its figures, and whether they are as expected.
+//! A run with its figures, and whether they meet the expectations.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -24,14 +24,14 @@ pub(super) struct Summarised {
     pub ending: Ending,
     pub restarts: Vec<(String, u32)>,
     pub wall_s: f64,
-    /// Steps that the plant did.
+    /// Number of steps of the plant.
     pub steps: u64,
     pub timing: Timing,
     pub figures: Option<RunSummary>,
     /// The recorded run, for the report.
     pub recorded: Option<Run>,
     pub expect: Vec<CheckedExpectation>,
-    /// Why another run can leave another log.
+    /// Reasons why another run can leave a different log.
     pub not_reproducible: Vec<String>,
     /// Problems other than broken expectations.
     pub problems: Vec<String>,
@@ -65,9 +65,11 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
     let figures = recorded.as_ref().map(|run| run.figures.clone());
     let restarts: u64 = ran.outcome.restarts.iter().map(|(_, n)| u64::from(*n)).sum();
     let mut timing = figures.as_ref().map_or_else(|| reported(&ran.outcome.health), |f| f.timing.clone());
-    // The launcher knows; from the log alone, a node that died before its first report leaves no trace.
+    // The restarts come from the launcher: in the log, a node that died before its first report leaves no
+    // trace.
     timing.restarts = restarts;
-    // So does the plant's health of a failsafe that no log holds: a vehicle behind a bridge has no truth.
+    // The same holds for a failsafe that no log holds, since a vehicle behind a bridge has no truth: the
+    // plant's health reports it.
     if let Some(plant) = ran.outcome.health.get("plant") {
         let failsafe = plant.failsafe();
         timing.witness_failsafe(failsafe.steps, failsafe.at_end, plant.counts().steps);
@@ -79,7 +81,8 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
     };
     let lost_in_lockstep = plan.config.mode == Mode::Lockstep && timing.lost > 0;
     if lost_in_lockstep && !plan.expect.iter().any(|e| e.key == "max_lost") {
-        // Nothing hurries in lockstep: what is lost there is a fault of the bus, unless the file allows it.
+        // In lockstep no message can be late. A lost message is a fault of the bus, unless the file allows
+        // it.
         problems.push(format!("{} messages were lost in lockstep", timing.lost));
     }
     let not_reproducible = reasons_against(&plan.config, &timing, &ran.outcome.restarts);
@@ -102,10 +105,11 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
     }
 }
 
-/// How much earlier than the run its log may end, s: what a killed recorder had not yet handed over.
+/// Largest time by which a log may end before the run, s: a killed recorder loses what it had not yet
+/// written.
 const LOG_END_S: f64 = 1.0;
 
-/// What is missing in the log of a run.
+/// Sentences on what is missing in the log of a run.
 fn gaps(run: &Run, health: &HealthTable) -> Vec<String> {
     let mut gaps: Vec<String> = run.holes.iter().map(|hole| hole.to_string()).collect();
     let figures = &run.figures;
@@ -119,7 +123,7 @@ fn gaps(run: &Run, health: &HealthTable) -> Vec<String> {
     gaps
 }
 
-/// Timing figures as the nodes reported them to the launcher.
+/// Timing figures that the nodes reported to the launcher.
 fn reported(health: &HealthTable) -> Timing {
     let node = |counts: Counts| NodeTiming {
         steps: counts.steps,

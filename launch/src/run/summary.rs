@@ -47,14 +47,14 @@ struct Totals {
 struct RunEntry {
     variant: Option<String>,
     ended: EndEntry,
-    /// Rate of the loop that was asked for, Hz.
+    /// Requested rate of the loop, Hz.
     rate_hz: f64,
     law: serde_json::Value,
     steps: u64,
     wall_s: f64,
     steps_per_s: f64,
     expect: Vec<CheckedExpectation>,
-    /// Whether another run leaves the same log, bit for bit, and why not.
+    /// Whether another run leaves the same log, bit for bit. The reasons against it follow.
     reproducible: bool,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     not_reproducible: Vec<String>,
@@ -91,7 +91,7 @@ pub(super) fn write(
 ) -> Result<(), Failure> {
     crate::command::write_json(whole, &out.join("summary.json"))?;
     let recorded: Vec<&Run> = runs.iter().filter_map(|r| r.recorded.as_ref()).collect();
-    // What failed before there was anything to record is told as well.
+    // A failure before anything was recorded is reported as well.
     if !recorded.is_empty() || !whole.ok {
         let outcome = Outcome { files: files(out, runs), ..outcome(whole, runs) };
         let html = whirlstand_report::run_report(&jobs.name, &jobs.description, &outcome, &recorded)
@@ -101,7 +101,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Log and summary as they lie below `out`, where the report is.
+/// Paths of log and summary relative to `out`, where the report is.
 fn files(out: &Path, runs: &[Summarised]) -> Vec<(String, String)> {
     let logs = runs.iter().filter_map(|run| run.log.as_ref()?.strip_prefix(out).ok());
     let logs = logs.map(|path| path.display().to_string());
@@ -144,7 +144,7 @@ fn outcome(whole: &SummaryFile, runs: &[Summarised]) -> Outcome {
     }
 }
 
-/// What `summary.json` says of the runs.
+/// The contents of `summary.json` for these runs.
 pub(super) fn whole(jobs: &Jobs, runs: &[Summarised]) -> SummaryFile {
     let sum = |f: fn(&Summarised) -> u64| total(runs.iter().map(f));
     SummaryFile {

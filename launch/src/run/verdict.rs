@@ -1,4 +1,4 @@
-//! Text on a run: a few lines at its end, and one sentence for the report.
+//! Texts on the result of a run: a few lines at its end, and one sentence for the report.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use super::summarised::Summarised;
 use crate::style;
 use crate::supervisor::Ending;
 
-/// Greatest number of outputs in the verdict, those moved most; they stand in the order of their names.
+/// Most outputs in the verdict: those that moved most, in the order of their names.
 const MOST_OUTPUTS: usize = 4;
 
 /// The lines that are printed at the end of a run.
@@ -32,7 +32,7 @@ pub(super) fn closing_lines(out: &Path, runs: &[Summarised]) -> String {
     text
 }
 
-/// A path as the user can type it: from the folder that they are in, where it lies below that.
+/// A path as the user can type it: relative to the current folder where it is inside that.
 fn from_here(path: &Path) -> String {
     let here = std::env::current_dir().and_then(|here| here.canonicalize());
     let below = here.ok().and_then(|here| path.strip_prefix(here).ok().map(Path::to_path_buf));
@@ -110,14 +110,15 @@ fn broken(run: &Summarised) -> Vec<&CheckedExpectation> {
     broken
 }
 
-/// What the mirror said last of each change.
+/// The last finding of the mirror on each change.
 fn last_words(figures: &RunSummary) -> Vec<&FindingEvent> {
     let mut last: BTreeMap<u64, &FindingEvent> = BTreeMap::new();
     last.extend(figures.findings.iter().map(|found| (found.number, found)));
     last.into_values().collect()
 }
 
-/// What a disturbance did to the outputs that it moved most, in multiples of what their sensors can see.
+/// Text on the outputs that a disturbance moved most, relative to their recovery band: peak and recovery
+/// time.
 fn response(figures: &RunSummary, at_s: f64) -> String {
     let mut moved: Vec<_> = figures
         .outputs
@@ -126,7 +127,7 @@ fn response(figures: &RunSummary, at_s: f64) -> String {
         .filter_map(|(name, o)| Some((name, o, o.disturbances.iter().find(|d| d.at_s == at_s)?)))
         .filter(|(_, _, d)| d.peak > d.band)
         .collect();
-    // Most bands are the same share of their peak: rounding is not to order these.
+    // Most bands are the same share of their peak, so rounding must not decide the order.
     moved.sort_by_key(|(_, _, d)| std::cmp::Reverse((1e3 * d.peak / d.band.max(1e-12)).round() as u64));
     if moved.is_empty() {
         return "nothing measurable".into();

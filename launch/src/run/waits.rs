@@ -1,4 +1,4 @@
-//! Whom a bench that stands still waits for, and for how long, from what its nodes say.
+//! The reason and the duration for which a bench waits, as its nodes report them.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -6,15 +6,15 @@ use std::time::Instant;
 use whirlstand_nodes::WAITING_FOR;
 use whirlstand_nodes::config::Role;
 
-/// The nodes that wait.
+/// The nodes that are waiting.
 #[derive(Debug, Default)]
 pub(super) struct Waits {
-    /// Whom each waits for, and since when.
+    /// For each node, what it waits for and since when.
     by_node: BTreeMap<String, (String, Instant)>,
 }
 
 impl Waits {
-    /// A node told its status.
+    /// Takes in the status text of a node.
     pub fn hear(&mut self, node: &str, status: &str, now: Instant) {
         match status.strip_prefix(WAITING_FOR) {
             Some(whom) if self.by_node.get(node).is_some_and(|(known, _)| known == whom) => {}
@@ -25,13 +25,13 @@ impl Waits {
         }
     }
 
-    /// A node is another process now.
+    /// Forgets a node, because its process has been replaced.
     pub fn forget(&mut self, node: &str) {
         self.by_node.remove(node);
     }
 
-    /// "waiting for PX4 on tcp 4560 (12 s)"; `None` while nobody waits. The plant waits for all others, so it is asked last:
-    /// who waits as well knows more.
+    /// A text such as "waiting for PX4 on tcp 4560 (12 s)"; `None` while no node waits. The plant waits for all
+    /// others, so another waiting node, which knows more, comes first.
     pub fn text(&self, now: Instant) -> Option<String> {
         let others: Vec<_> = self.by_node.iter().filter(|(node, _)| *node != Role::Plant.name()).collect();
         let told = match others.is_empty() {

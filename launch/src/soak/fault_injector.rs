@@ -1,4 +1,4 @@
-//! Injects faults into a bench at random times and watches how it takes them.
+//! Injects faults into a bench at random times and observes its recovery.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -13,7 +13,7 @@ use whirlstand_vehicle::Stream;
 use super::fault::{FORGED, FaultKind, Ongoing};
 use crate::supervisor::{Continuation, Ending, Event, HealthTable, Observer};
 
-/// Commands in time, one after the other, that make a recovery.
+/// Number of consecutive commands in time that make a recovery.
 pub(super) const CALM_STEPS: u64 = 50;
 
 /// Longest time from a fault to the recovery; a longer one counts as a hang.
@@ -22,7 +22,7 @@ const HANG: Duration = Duration::from_secs(30);
 /// Time between a recovery and the next fault.
 const REST_S: (f64, f64) = (0.05, 0.8);
 
-/// Queue for the plant's truth, between two looks of the launcher.
+/// Queue length for the plant's truth, between two reads by the launcher.
 const TRUTH_DEPTH: usize = 1024;
 
 /// One fault and its consequences.
@@ -32,13 +32,15 @@ pub(super) struct InjectedFault {
     pub node: String,
     /// Wall-clock time of the run, s.
     pub at_s: f64,
-    /// From the fault until the node was ready again, s; null for one that was not started again.
+    /// Time from the fault until the node was ready again, s; null for a node that was not restarted.
     pub restart_s: Option<f64>,
-    /// From the fault, or from the end of one that lasts, until the loop had recovered, s; null when it did not.
+    /// Time from the fault, or from the end of a lasting fault, until the loop had recovered, s; null when it
+    /// did not recover.
     pub recovery_s: Option<f64>,
-    /// How much was done: messages sent, bytes of the disk taken, processors kept busy; 1 for a fault without a measure.
+    /// Amount of the fault: messages sent, bytes of the disk taken, processors kept busy; 1 for a fault without a
+    /// measure.
     pub dealt: u64,
-    /// Steps that held an old command before the failsafe; null when the failsafe was not needed.
+    /// Steps that held an old command before the failsafe; null when there was no failsafe.
     pub held_before_failsafe: Option<u64>,
     /// What went wrong; `None` when the bench recovered.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -46,45 +48,45 @@ pub(super) struct InjectedFault {
 }
 
 enum Phase {
-    /// The bench recovers from its start, or from a fault.
+    /// The bench is recovering from its start, or from a fault.
     Recovering { since: Instant },
-    /// The bench flies; the next fault comes at this time.
+    /// The bench flies; the next fault comes at the time `until`.
     Resting { until: Instant },
-    /// A fault is not felt yet: somebody who sends has to connect first.
+    /// A fault has begun but has no effect yet: a sender has to connect first.
     Beginning { until: Instant, fault: Box<dyn Ongoing> },
     /// A fault lasts until this time.
     Lasting { until: Instant, fault: Box<dyn Ongoing> },
-    /// All faults are done, or one was not survived.
+    /// All faults are done, or the bench did not recover from one.
     Done,
 }
 
 /// Observes a run and injects faults into it.
 pub(super) struct FaultInjector {
     kind: FaultKind,
-    /// How long a fault lasts.
+    /// Duration of a lasting fault.
     lasting: Duration,
     misses_to_failsafe: u64,
     random: Stream,
-    /// Nodes that faults are still to come to, in random order, the next one last.
+    /// Targets of the faults that are still to come, in random order, the next one last.
     to_do: Vec<String>,
     pids: BTreeMap<String, u32>,
     truth: Option<Subscriber<Truth>>,
     phase: Phase,
     started: Instant,
-    /// Steps in a row that applied a command in time, and that held an old one.
+    /// Number of consecutive steps that applied a command in time, and of those that held an old one.
     calm: u64,
     held: u64,
     ready_again: bool,
-    /// Messages that the recorder had written when a fault ended.
+    /// Number of messages that the recorder had written when a fault ended.
     written: u64,
-    /// Messages that reached the launcher and were forged.
+    /// Number of forged messages that reached the launcher.
     pub forged: u64,
     bar: ProgressBar,
     pub faults: Vec<InjectedFault>,
 }
 
 impl FaultInjector {
-    /// `rounds` faults of a kind to each of its targets, in random order.
+    /// Plans `rounds` faults of a kind for each of its targets, in random order.
     pub fn new(
         config: &NodeConfig,
         nodes: &[String],
@@ -95,7 +97,7 @@ impl FaultInjector {
         let mut random = Stream::new(seed, "soak");
         let targets = kind.targets(nodes);
         let mut to_do: Vec<String> = (0..rounds).flat_map(|_| targets.iter().cloned()).collect();
-        // Fisher-Yates.
+        // Fisher-Yates shuffle.
         for i in (1..to_do.len()).rev() {
             to_do.swap(i, (random.uniform() * (i + 1) as f64) as usize);
         }
@@ -123,7 +125,7 @@ impl FaultInjector {
         }
     }
 
-    /// Takes in what the plant has applied since the last look.
+    /// Reads the truth that the plant has published since the last call.
     fn receive(&mut self) {
         let Some(truth) = &mut self.truth else { return };
         while let Ok(Some(step)) = truth.try_recv() {
@@ -182,11 +184,11 @@ impl FaultInjector {
         };
     }
 
-    /// Ends a fault.
+    /// Ends a lasting fault.
     fn take_back(&mut self, fault: Box<dyn Ongoing>, health: &HealthTable) {
         let dealt = fault.dealt();
         drop(fault);
-        // What came while it lasted, and while it was ended, is no recovery.
+        // Steps during the fault, and during its end, are no recovery.
         self.receive();
         if let Some(last) = self.faults.last_mut() {
             last.dealt = dealt;
@@ -199,7 +201,7 @@ impl FaultInjector {
         };
     }
 
-    /// Notes why the last fault was not survived, which ends the soak.
+    /// Records why the bench did not recover from the last fault, which ends the soak.
     fn give_up(&mut self, problem: String) -> Phase {
         if let Some(fault) = self.faults.last_mut() {
             fault.problem = Some(problem);
@@ -221,13 +223,13 @@ impl FaultInjector {
         }
     }
 
-    /// Faults that were to come but did not.
+    /// Number of planned faults that were not injected.
     pub fn left(&self) -> usize {
         self.to_do.len()
     }
 }
 
-/// Messages that the recorder has written, as far as it has told.
+/// Number of messages that the recorder has reported as written.
 fn written(health: &HealthTable) -> u64 {
     health.get(Role::Recorder.name()).map_or(0, |recorder| recorder.counts().steps)
 }
@@ -248,7 +250,7 @@ impl Observer for FaultInjector {
                 }
             }
             Event::Restarted { node, .. } => {
-                // A node that was stopped for longer than its Health may be silent is killed and comes back.
+                // A node that is stopped for longer than its `Health` may be silent is killed and restarted.
                 self.ready_again = false;
                 self.pids.remove(node);
             }

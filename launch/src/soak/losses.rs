@@ -1,13 +1,13 @@
-//! What a fault may cost, and what is missing beyond that.
+//! The losses that a fault may cause, and the losses beyond them.
 //!
-//! | fault | may cost |
+//! | fault | may cause the loss of |
 //! |---|---|
-//! | kill, stop, memory | messages of the node that it is done to, while that node is away |
-//! | disk | messages of the log, each of them counted by the recorder and told in the log as part of a hole |
+//! | kill, stop, memory | messages of the target node, while that node is away |
+//! | disk | messages of the log, each counted by the recorder and reported in the log as part of a hole |
 //! | forge, flood, load | nothing: every step is in the log, and in lockstep every message arrives |
 //!
-//! In real time a command that a late plant did not read in time is a miss, and no loss: the gate would refuse it. How many
-//! there were is shown, and judged by the recovery.
+//! In real time a command that a late plant did not read in time is a deadline miss, and not a loss: the gate
+//! would refuse it. The number of misses is shown, and judged by the recovery.
 
 use std::path::Path;
 
@@ -18,20 +18,20 @@ use super::fault::FORGED;
 use crate::cli::FaultArg;
 use crate::supervisor::Outcome;
 
-/// What the log of a soak says.
+/// Losses and forgeries in the log of a soak.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct LogCheck {
     messages: u64,
-    /// Messages that are told to be missing.
+    /// Messages that the log reports as missing.
     told: u64,
-    /// Steps of the plant that are missing, and that no hole tells of.
+    /// Missing steps of the plant that no hole reports.
     untold: u64,
-    /// Messages with the mark of a forgery.
+    /// Number of messages with the mark of a forgery.
     forged: u64,
 }
 
 impl LogCheck {
-    /// Reads a log, all its files.
+    /// Reads all files of a log.
     pub fn of(path: &Path) -> Result<Self, ReadError> {
         let log = Log::open(path)?;
         let mut messages = log.bench_messages()?;
@@ -56,11 +56,12 @@ impl LogCheck {
     }
 }
 
-/// Steps that are missing between two of a run, and that no hole covers; steps and times in the order of the log.
+/// Number of steps that are missing between two steps of a run and that no hole covers; `steps` holds step and
+/// time in the order of the log.
 fn untold(steps: &[(u64, u64)], holes: &[Hole]) -> u64 {
     let missing = |pair: &[(u64, u64)]| {
         let [(before, from_ns), (after, until_ns)] = pair else { return 0 };
-        // A step that is not later begins another run.
+        // A step that is not later than the one before begins another run.
         let missing = after.saturating_sub(before + 1);
         let told = holes.iter().any(|hole| hole.from_ns <= *until_ns && *from_ns <= hole.until_ns);
         if told { 0 } else { missing }
@@ -68,7 +69,7 @@ fn untold(steps: &[(u64, u64)], holes: &[Hole]) -> u64 {
     steps.windows(2).map(missing).sum()
 }
 
-/// What was lost that must not be, in words.
+/// Sentences on the losses that the fault must not cause.
 pub(super) fn losses(
     (fault, mode): (FaultArg, Mode),
     outcome: &Outcome,

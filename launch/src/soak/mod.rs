@@ -23,7 +23,7 @@ use fault_injector::FaultInjector;
 use result::SoakResult;
 use whirlstand_msgs::names::did_you_mean;
 
-/// Bench time of a soak: it ends when all faults are done, long before.
+/// Bench time of a soak, s: far more than it needs, because it ends when all faults are done.
 const FOR_EVER_S: f64 = 1e6;
 
 /// Runs the command `soak`.
@@ -38,7 +38,7 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<ExitCode, Failure> {
         .tempdir()
         .map_err(|e| Failure::file("make a folder in", &std::env::temp_dir(), &e))?;
     let seed = args.overrides.seed.unwrap_or(1);
-    // Before anything else: a file system of the soak's own has to be there before the first thread.
+    // The fault is prepared first: a file system of the soak's own has to exist before the first thread.
     let kind = FaultKind::prepare(args.fault, &mut plan, folder.path())?;
     let lasting = Duration::from_secs_f64(args.lasting);
     let mut injector = FaultInjector::new(&plan.config, &nodes, kind, lasting, (args.rounds, seed));
@@ -53,7 +53,8 @@ pub(crate) fn soak(args: &SoakArgs) -> Result<ExitCode, Failure> {
     Ok(if result.ok { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
-/// The launch file's first run, with as many restarts as there will be faults and without an end of its own.
+/// The plan of the launch file's first run, with as many restarts as there will be faults, and without an end
+/// of its own.
 fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
     let overrides = OverrideArgs { duration: Some(FOR_EVER_S), ..args.overrides.clone() };
     let jobs = jobs(args.launch.as_deref().unwrap_or(DEFAULT), &overrides, false)?;
@@ -78,13 +79,13 @@ fn plan(args: &SoakArgs) -> Result<Plan, Failure> {
         node.section.max_restarts = u32::MAX;
     }
     if let Some(recorder) = &mut plan.config.recorder {
-        // The plant may be started again by a fault, and by the launcher after it was silent for too long.
+        // The plant may be restarted by a fault, and by the launcher after a long silence.
         recorder.most_runs = args.rounds.saturating_mul(2).saturating_add(1);
     }
     Ok(plan)
 }
 
-/// The nodes that get the faults.
+/// The nodes that are targets of the faults.
 fn nodes(args: &SoakArgs, plan: &Plan) -> Result<Vec<String>, Failure> {
     let all: Vec<_> = plan.nodes.iter().filter(|n| !n.section.external).map(|n| n.name.clone()).collect();
     if !args.fault.is_of_a_node() && !args.nodes.is_empty() {

@@ -21,22 +21,23 @@ pub(super) struct SoakResult {
     fault: &'static str,
     rounds: u32,
     seed: u64,
-    /// Steps in time that count as a recovery.
+    /// Number of consecutive steps in time that count as a recovery.
     calm_steps: u64,
     misses_to_failsafe: u32,
     wall_s: f64,
-    /// Faults that were injected, and after which the loop flew again.
+    /// Number of injected faults after which the loop flew again.
     given: usize,
     survived: usize,
-    /// From a fault's end until the loop had recovered, s.
+    /// Median time from a fault's end until the loop had recovered, s.
     recovery_s_median: Option<f64>,
     recovery_s_max: Option<f64>,
-    /// Messages that nodes did not get, all together; what of them must not be is among the problems.
+    /// Number of messages that nodes did not receive, over all nodes. Losses that must not occur are among
+    /// the problems.
     lost: u64,
     nodes: Vec<NodeFaults>,
     faults: Vec<InjectedFault>,
     problems: Vec<String>,
-    /// Nothing went wrong.
+    /// Whether nothing went wrong.
     pub ok: bool,
 }
 
@@ -128,7 +129,7 @@ impl SoakResult {
         }
     }
 
-    /// The result for people.
+    /// The result as a table in text.
     pub fn table(&self) -> String {
         let mut text = format!(
             "{} over {}: {}, {} rounds, seed {}, {:.1} s\n\n",

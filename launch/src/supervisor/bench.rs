@@ -15,16 +15,18 @@ use super::{
     TICK,
 };
 
-/// The launcher itself was stopped or starved if it looks this late; silence of the nodes then means nothing.
+/// Delay of the launcher's own loop that shows that the launcher was stopped or starved; a silence of nodes
+/// then has no meaning.
 const STARVED: Duration = Duration::from_secs(1);
 
 /// Runs the nodes of a bench to their end.
 ///
-/// No process is left behind, whatever happens: every way out kills what is still alive, and `guard` does so when the
-/// launcher itself is killed.
+/// No process is left behind: every return path kills the processes that are still alive, and `guard` does so when
+/// the launcher itself is killed.
 ///
 /// # Errors
-/// When the operating system refuses signals, sockets or polling; a failing node is no error but an [`Outcome`].
+/// When the operating system refuses signals, sockets or polling; a failing node is not an error but an
+/// [`Outcome`].
 pub(crate) fn supervise(
     spec: BenchSpec,
     guard: Option<Guard>,
@@ -80,15 +82,15 @@ struct Bench<'a> {
     health: &'a mut dyn HealthSource,
     observer: &'a mut dyn Observer,
     table: HealthTable,
-    /// Set once the run is ending.
+    /// How the run ends; set once it is ending.
     ending: Option<Ending>,
-    /// The nodes of this stage and of those before are asked to end.
+    /// Nodes of this stage and of earlier ones have been asked to end.
     stage: StopStage,
     killed_at_end: Vec<String>,
     updated: Instant,
-    /// Silence counts from here at the earliest.
+    /// Earliest time from which silence of a node counts.
     not_silent_before: Instant,
-    /// Whether a Health that no node of the bench sent was told of.
+    /// Whether a `Health` that no node of the bench sent has been reported to the user.
     strange_health: bool,
 }
 
@@ -97,7 +99,8 @@ impl Bench<'_> {
         self.ending.is_some() && self.nodes.iter().all(|n| !n.is_alive())
     }
 
-    /// Starts what waits; over a network one after the other, because each is told the addresses of the others.
+    /// Starts the waiting nodes. Over a network they are started one after the other, because each is given the
+    /// addresses of the others.
     fn start_waiting(&mut self, now: Instant) {
         for i in 0..self.nodes.len() {
             if self.ending.is_some() {
@@ -138,7 +141,7 @@ impl Bench<'_> {
         all
     }
 
-    /// Sleeps until something happens, at most one [`TICK`].
+    /// Sleeps until an event occurs, at most one [`TICK`].
     fn wait(&self) -> io::Result<()> {
         let now = Instant::now();
         let deadline = self.nodes.iter().filter_map(Node::deadline).min();
@@ -147,7 +150,7 @@ impl Bench<'_> {
         for process in self.nodes.iter().filter_map(|n| n.process.as_ref()) {
             fds.push(PollFd::from_borrowed_fd(process.ended(), PollFlags::IN));
             fds.push(PollFd::from_borrowed_fd(process.notify.as_fd(), PollFlags::IN));
-            // A closed pipe stays readable for ever.
+            // A closed pipe stays readable forever, so it is not polled.
             for console in [&process.stdout, &process.stderr] {
                 if console.is_open() {
                     fds.push(PollFd::from_borrowed_fd(console.as_fd(), PollFlags::IN));
@@ -192,7 +195,8 @@ impl Bench<'_> {
         }
     }
 
-    /// Takes in a report, if it is from the node that it speaks of: one in another's name could have it killed.
+    /// Takes in a `Health` report if it comes from the node that it names: a report in another's name could
+    /// have that node killed.
     fn hear(&mut self, health: Health, now: Instant) {
         let name = health.node_name();
         let own = match self.nodes.iter().find(|n| n.spec.name == name) {
@@ -227,7 +231,7 @@ impl Bench<'_> {
         }
     }
 
-    /// The first signal ends the run in order, a second one at once.
+    /// Handles a signal: the first one ends the run in order, the second one at once.
     fn interrupted(&mut self, signal: i32, now: Instant) {
         if self.ending.is_none() {
             self.end(Ending::Interrupted(signal), now);
@@ -238,7 +242,7 @@ impl Bench<'_> {
         }
     }
 
-    /// Deals with the end of a process.
+    /// Handles the end of a process.
     fn bury(&mut self, i: usize, now: Instant) {
         let Some(end) = self.nodes[i].reap() else { return };
         self.repeat_lines(i, now, true);
@@ -254,7 +258,7 @@ impl Bench<'_> {
             self.health.node_died();
         }
         if self.ending.is_some() {
-            // Of those that had to be killed the observer was told.
+            // The observer has already been told of the nodes that had to be killed.
             if asked && !end.well && !self.killed_at_end.contains(&self.nodes[i].spec.name) {
                 let node = &self.nodes[i];
                 tracing::warn!("{} {} after it was asked to end", node.spec.name, end.how);
@@ -322,7 +326,7 @@ impl Bench<'_> {
         }
     }
 
-    /// For how long a running node has said nothing of its health; none for programs that never do.
+    /// Time for which a running node has sent no `Health`; zero for programs that never send it.
     fn silence(&self, i: usize, now: Instant) -> Duration {
         let node = &self.nodes[i];
         let latest =
@@ -350,7 +354,7 @@ impl Bench<'_> {
         }
     }
 
-    /// Goes on to the next stage when all nodes up to this one are gone.
+    /// Goes to the next stage when all nodes of the stages so far have ended.
     fn next_stage(&mut self, now: Instant) {
         while self.ending.is_some() {
             let waiting = self.nodes.iter().any(|n| n.spec.stop_stage <= self.stage && n.is_alive());

@@ -1,24 +1,25 @@
-//! Console messages of a node: the lines of its standard output and standard error, the last of which are kept.
+//! Console output of a node: the lines of its standard output and standard error, of which the last ones are
+//! kept.
 
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::time::{Duration, Instant};
 
-/// How many of the last lines of a node are kept.
+/// Number of the last lines of a node that are kept.
 const KEPT: usize = 20;
 
-/// Longest line; what is longer is cut into several.
+/// Longest line, bytes; a longer one is split.
 const LONGEST: usize = 4096;
 
-/// Over this time a node's output is bounded.
+/// Time window over which a node's output is limited.
 const WINDOW: Duration = Duration::from_secs(1);
 
-/// Most bytes that are read from a pipe in one [`WINDOW`]. A node that writes more waits for its pipe: reading all of an
-/// endless stream would take a processor from the bench.
+/// Most bytes that are read from a pipe in one [`WINDOW`]. A node that writes more blocks on its pipe: reading an
+/// endless stream in full would take a processor from the bench.
 const MOST_BYTES: usize = 1 << 20;
 
-/// Most lines of a node that are shown in one [`WINDOW`]; the others are counted.
+/// Most lines of a node that are shown in one [`WINDOW`]; further ones are only counted.
 const MOST_LINES: u64 = 200;
 
 /// The reading end of a pipe into which a node writes lines.
@@ -28,7 +29,7 @@ pub(crate) struct ConsoleReader {
     partial: Vec<u8>,
     open: bool,
     window: Instant,
-    /// Bytes read in this window.
+    /// Number of bytes read in this window.
     bytes: usize,
 }
 
@@ -42,13 +43,13 @@ impl ConsoleReader {
         Ok(Self { pipe: pipe.into(), partial: Vec::new(), open: true, window: Instant::now(), bytes: 0 })
     }
 
-    /// Whether more is to be read now.
+    /// Whether more may be read now.
     pub fn is_open(&self) -> bool {
         self.open && (self.bytes < MOST_BYTES || self.window.elapsed() >= WINDOW)
     }
 
-    /// The lines that have come since the last call, as many as may be read; at the end of the pipe also one without a
-    /// line end.
+    /// The lines that have arrived since the last call, within the limit; at the end of the pipe also a last line
+    /// without a line end.
     pub fn drain(&mut self, now: Instant) -> Vec<String> {
         let mut buffer = [0; LONGEST];
         let mut lines = Vec::new();
@@ -95,7 +96,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).trim_end().to_string()
 }
 
-/// Bounds how many lines of a node are shown.
+/// Limits how many lines of a node are shown.
 #[derive(Debug)]
 pub(crate) struct LineQuota {
     window: Instant,
@@ -108,8 +109,8 @@ impl LineQuota {
         Self { window: now, shown: 0, left_out: 0 }
     }
 
-    /// Those of the lines that are shown. How many were left out is told at the end of the window, or when the node
-    /// `ended`.
+    /// The lines that may be shown. The number of omitted lines is added at the end of the window, or when the
+    /// node has `ended`.
     pub fn shown(&mut self, mut lines: Vec<String>, now: Instant, ended: bool) -> Vec<String> {
         let is_over = now.duration_since(self.window) >= WINDOW;
         let told = if is_over { self.take_left_out() } else { None };

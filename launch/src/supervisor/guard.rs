@@ -1,12 +1,12 @@
-//! The guard of a bench: a process that outlives a killed launcher for as long as it takes to end what the launcher
-//! started, and to tidy up after it.
+//! The guard of a bench: a process that outlives a killed launcher until it has ended what the launcher started,
+//! and removed its files.
 //!
-//! The kernel tells each node by SIGTERM that its launcher died (`PR_SET_PDEATHSIG`), so that actuators go to neutral; but
-//! not what an `exec` node started itself, nor a node that hangs. The guard reads from a pipe which process groups there
-//! are. The pipe's end without a word of farewell is the launcher's death, however it came. The guard also holds the
-//! launcher's locks, so that nobody takes the bench's name or folder while nodes of the dead run are still at work, and
-//! the pipes that programs write to: one that says something while it brings its actuators to neutral would be killed by
-//! SIGPIPE if nobody could read it.
+//! The kernel sends each node SIGTERM when its launcher dies (`PR_SET_PDEATHSIG`), so that actuators go to
+//! neutral. This does not reach processes that an `exec` node started, nor a node that hangs. The guard learns the
+//! process groups from a pipe. An end of the pipe without a farewell means that the launcher died, by whatever
+//! cause. The guard also holds the launcher's locks, so that no other run takes the bench's name or folder while
+//! nodes of the dead run are still working. It holds the pipes that programs write to as well: a program that
+//! writes while it brings its actuators to neutral would be killed by SIGPIPE if no process could read the pipe.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
@@ -23,13 +23,13 @@ use rustix::process::Signal;
 use super::process::CommandLine;
 use crate::proc_stat::HeldProcess;
 
-/// What the launcher writes when all has ended in order.
+/// Order that the launcher writes when all nodes have ended in order.
 const FAREWELL: &str = "all ended";
 
-/// Time between two looks whether the nodes have ended.
+/// Time between two checks whether the nodes have ended.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// How long a killed process may take to vanish.
+/// Longest time until a killed process disappears.
 const VANISH: Duration = Duration::from_secs(1);
 
 /// The launcher's side of the guard.
@@ -46,11 +46,12 @@ impl Guard {
     /// When the process cannot be started.
     pub fn start(line: &CommandLine, locks: &[BorrowedFd<'_>]) -> io::Result<Self> {
         let mut command = Command::new(&line.program);
-        // A group of its own: Ctrl-C at the terminal is for the launcher.
+        // The guard has its own process group, because Ctrl-C at the terminal is meant for the launcher.
         command.args(&line.arguments).process_group(0).stdin(Stdio::piped()).stdout(Stdio::null());
         let locks: Vec<_> = locks.iter().map(AsRawFd::as_raw_fd).collect();
-        // SAFETY: between fork and exec only fcntl(2) and the making of an error without allocation happen, which are
-        // async-signal-safe; the descriptors are open, because this function borrows them until the child runs.
+        // SAFETY: between fork and exec only fcntl(2) and the construction of an error without allocation happen,
+        // which are async-signal-safe; the descriptors are open, because this function borrows them until the
+        // child runs.
         unsafe {
             command.pre_exec(move || {
                 for &lock in &locks {
@@ -66,18 +67,18 @@ impl Guard {
         Ok(Self { child, orders })
     }
 
-    /// A process group that began.
+    /// Tells the guard of a process group that has started.
     pub fn watch(&mut self, pid: u32) {
         self.say(&format!("+{pid}"));
     }
 
-    /// A process group that has ended.
+    /// Tells the guard of a process group that has ended.
     pub fn forget(&mut self, pid: u32) {
         self.say(&format!("-{pid}"));
     }
 
     fn say(&mut self, order: &str) {
-        // Somebody who kills the guard as well leaves the nodes to the kernel's SIGTERM.
+        // If the guard has been killed too, only the kernel's SIGTERM ends the nodes.
         if let Some(Err(e)) = self.orders.as_mut().map(|pipe| writeln!(pipe, "{order}")) {
             tracing::debug!("the guard of the bench does not respond: {e}");
         }
@@ -96,8 +97,8 @@ impl Drop for Guard {
 #[derive(Debug, Default)]
 pub(crate) struct LeftGroups(BTreeMap<i32, Vec<File>>);
 
-/// The guard's side: reads orders to their end. Returns the groups that the launcher left behind when it died; `None` when
-/// it took its leave.
+/// The guard's side: reads orders to their end. Returns the groups that the launcher left behind when it died;
+/// `None` when the launcher sent its farewell.
 pub(crate) fn keep_guard(orders: impl BufRead) -> Option<LeftGroups> {
     let mut groups = BTreeMap::new();
     for order in orders.lines().map_while(Result::ok) {
@@ -108,15 +109,15 @@ pub(crate) fn keep_guard(orders: impl BufRead) -> Option<LeftGroups> {
         match (sign, number.parse::<i32>()) {
             ("+", Ok(group)) => _ = groups.insert(group, pipes_of(group)),
             ("-", Ok(group)) => _ = groups.remove(&group),
-            // The last line of a launcher that died while it wrote.
+            // An incomplete last line of a launcher that died while writing.
             _ => {}
         }
     }
     Some(LeftGroups(groups))
 }
 
-/// The reading ends of the pipes that a process has as standard output and error: the kernel opens a pipe anew by its name
-/// below /proc (proc_pid_fd(5)).
+/// Opens the reading ends of the pipes that a process has as standard output and error: the kernel opens a pipe
+/// again by its name below /proc (proc_pid_fd(5)).
 fn pipes_of(pid: i32) -> Vec<File> {
     let open = |fd: i32| {
         let path = format!("/proc/{pid}/fd/{fd}");
@@ -127,15 +128,15 @@ fn pipes_of(pid: i32) -> Vec<File> {
 }
 
 impl LeftGroups {
-    /// Ends the groups, and what left them and has its notify socket in the folder `sockets`: asks each process once, and kills
-    /// what is still there after `grace`.
+    /// Ends the groups, and the processes that left them and have their notify socket in the folder `sockets`.
+    /// Each process is asked once; those that remain after `grace` are killed.
     pub fn end(mut self, sockets: Option<&Path>, grace: Duration) {
         let mut asked = BTreeSet::new();
         let vanished = self.until_vanished(sockets, grace, |process| {
-            // Whoever was just being started, or was about to leave its group, is only found at a later look.
+            // A process that was just being started, or was leaving its group, is found only in a later pass.
             if asked.insert(process.pid) {
                 process.signal(Signal::TERM);
-                // A stopped process hears only this.
+                // A stopped process reacts only after this signal.
                 process.signal(Signal::CONT);
             }
         });
@@ -144,7 +145,8 @@ impl LeftGroups {
         }
     }
 
-    /// Does something to every process that is left, look by look; whether all of them are gone within this time.
+    /// Applies an action to every remaining process, pass by pass. Returns whether all of them have ended within
+    /// the given time.
     fn until_vanished(
         &mut self,
         sockets: Option<&Path>,
@@ -172,12 +174,12 @@ impl LeftGroups {
         }
     }
 
-    /// Takes what was written to the pipes, so that nobody who writes has to wait.
+    /// Reads the pipes, so that no writing process blocks.
     fn drain(&mut self) {
-        // As much as a pipe holds, and no more: somebody may write without end.
+        // At most the capacity of a pipe is read: a program may write without end.
         let mut taken = [0; 1 << 16];
         for pipe in self.0.values_mut().flatten() {
-            // An error says that nothing is there.
+            // An error means that the pipe is empty.
             let _ = pipe.read(&mut taken);
         }
     }
@@ -215,7 +217,8 @@ mod tests {
         stubborn.wait().unwrap();
     }
 
-    /// A program that reports on its way to neutral more than a pipe holds, after the launcher's end of the pipe is gone.
+    /// A program that, on its way to neutral, writes more than a pipe holds after the launcher's end of the pipe
+    /// is closed.
     #[test]
     fn a_program_may_still_write_when_its_launcher_is_dead() {
         let folder = tempfile::tempdir().unwrap();
@@ -232,7 +235,7 @@ mod tests {
             .unwrap();
         let mut word = [0; 5];
         program.stdout.as_mut().unwrap().read_exact(&mut word).unwrap();
-        // The guard keeps the pipes; the launcher's ends go with it.
+        // The guard keeps the pipes; the launcher's ends are closed with it.
         let group = program.id() as i32;
         let left = LeftGroups(BTreeMap::from([(group, pipes_of(group))]));
         assert_eq!(left.0[&group].len(), 2);

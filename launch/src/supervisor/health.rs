@@ -1,4 +1,4 @@
-//! The newest `Health` of each node, with counts added up over restarts.
+//! The latest `Health` of each node, with counts summed over restarts.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -29,7 +29,7 @@ impl Counts {
         }
     }
 
-    /// Adds up; a count stays at the greatest number instead of beginning anew, because a report can hold any.
+    /// Sum of two counts, saturating at the greatest number, because a report can hold any value.
     fn plus(mut self, other: &Self) -> Self {
         self.steps = self.steps.saturating_add(other.steps);
         self.deadline_misses = self.deadline_misses.saturating_add(other.deadline_misses);
@@ -41,14 +41,14 @@ impl Counts {
     }
 }
 
-/// Health of one node.
+/// Health of one node over the whole run.
 #[derive(Debug, Clone)]
 pub(crate) struct NodeHealth {
-    /// The newest message.
+    /// The latest message.
     pub latest: Health,
-    /// Time at which it came.
+    /// Time of arrival of the latest message.
     pub received_at: Instant,
-    /// Counts of the processes before this one.
+    /// Counts of the node's earlier processes.
     before: Counts,
     failsafe: Failsafe,
 }
@@ -58,12 +58,12 @@ pub(crate) struct NodeHealth {
 pub(crate) struct Failsafe {
     /// Steps over the whole run.
     pub steps: u64,
-    /// Steps of the last time, while the node has not come back from it.
+    /// Steps of the last failsafe, if the node has not left it.
     pub at_end: u64,
 }
 
 impl Failsafe {
-    /// Takes in the report that follows on `before`.
+    /// Takes in the report that follows `before`.
     fn update(&mut self, before: &Health, now: &Health) {
         let in_failsafe = |h: &Health| NodeState::from_u32(h.state) == Some(NodeState::Failsafe);
         if in_failsafe(before) && before.pid == now.pid {
@@ -71,7 +71,7 @@ impl Failsafe {
             self.steps = self.steps.saturating_add(steps);
             self.at_end = self.at_end.saturating_add(steps);
         }
-        // A node that stops says so instead of whether commands were there.
+        // A stopping node reports that state in place of whether commands arrived.
         if !in_failsafe(now) && NodeState::from_u32(now.state) != Some(NodeState::Stopping) {
             self.at_end = 0;
         }
@@ -84,13 +84,13 @@ impl NodeHealth {
         Counts::of(&self.latest).plus(&self.before)
     }
 
-    /// Steps in failsafe, as far as the node told of them.
+    /// Steps in failsafe, according to the node's reports.
     pub fn failsafe(&self) -> Failsafe {
         self.failsafe
     }
 }
 
-/// The newest health of every node.
+/// The latest health of every node.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct HealthTable(BTreeMap<String, NodeHealth>);
 

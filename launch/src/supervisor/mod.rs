@@ -1,7 +1,8 @@
-//! The supervisor: starts the nodes of a bench, waits for their readiness, restarts what fails, ends them in order.
+//! The supervisor: starts the nodes of a bench, waits for their readiness, restarts failed ones, and ends them in
+//! order.
 //!
-//! Everything it does answers an event: a line on a pipe, a datagram on a notify socket, the end of a process,
-//! a signal, a `Health` message, or a deadline that was stated beforehand.
+//! Each of its actions responds to an event: a line on a pipe, a datagram on a notify socket, the end of a
+//! process, a signal, a `Health` message, or a deadline that was set beforehand.
 
 mod bench;
 mod console;
@@ -33,43 +34,43 @@ pub(crate) use threaded::{ThreadEnd, supervise_thread};
 pub(crate) enum Readiness {
     /// By `READY=1` on its notify socket, within this time.
     Notify(Duration),
-    /// By having started.
+    /// By its start.
     Start,
 }
 
-/// When a node is asked to end, one stage after the other.
+/// Order in which nodes are asked to end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum StopStage {
     /// The plant: it brings its inputs to neutral.
     First,
     /// Everything between plant and recorder.
     Second,
-    /// The recorder, so that the log holds all that the others said.
+    /// The recorder, so that the log contains all messages of the others.
     Last,
 }
 
-/// What to start as one node, and how to look after it.
+/// Description of one node: what to start, and how to supervise it.
 #[derive(Debug, Clone)]
 pub(crate) struct NodeSpec {
     /// Name in messages, in `Health` and in the launch file.
     pub name: String,
     /// The process.
     pub command: CommandLine,
-    /// How it becomes ready.
+    /// How the node becomes ready.
     pub readiness: Readiness,
-    /// How often it is restarted when it fails.
+    /// Most restarts after a failure.
     pub max_restarts: u32,
     /// Longest silence of a node that publishes `Health`.
     pub hang_timeout: Duration,
-    /// The node is one of ours and publishes `Health` from the start.
+    /// Whether the node is a built-in one that publishes `Health` from its start.
     pub publishes_health: bool,
     /// Time from SIGTERM to SIGKILL.
     pub stop_timeout: Duration,
-    /// When it is asked to end.
+    /// Stage in which the node is asked to end.
     pub stop_stage: StopStage,
-    /// Its end with exit code 0 is the end of the run.
+    /// Whether its end with exit code 0 ends the run.
     pub ends_run: bool,
-    /// Without it there is no loop: ending early, even with exit code 0, is a failure.
+    /// Whether the loop needs the node: an early end is then a failure, even with exit code 0.
     pub needed: bool,
 }
 
@@ -78,7 +79,7 @@ pub(crate) struct NodeSpec {
 pub(crate) enum Ending {
     /// The plant flew all its steps.
     Complete,
-    /// A signal asked for the end.
+    /// A signal requested the end.
     Interrupted(i32),
     /// A node failed for good.
     Failed(NodeFailure),
@@ -89,15 +90,15 @@ pub(crate) enum Ending {
 pub(crate) struct NodeFailure {
     /// The node.
     pub node: String,
-    /// What happened to it: "ended with exit code 1".
+    /// How the node ended, such as "ended with exit code 1".
     pub how: String,
-    /// What it said last.
+    /// Its last console lines.
     pub last_lines: Vec<String>,
-    /// The node said that the user can mend it (exit code 2, or it could not be started).
+    /// Whether the user can correct the failure: exit code 2, or the node could not be started.
     pub mendable: bool,
 }
 
-/// What a run was like, from outside.
+/// The result of a run, as the supervisor observed it.
 #[derive(Debug, Clone)]
 pub(crate) struct Outcome {
     pub ending: Ending,
@@ -113,23 +114,23 @@ pub(crate) struct Outcome {
 /// Something that happened to a node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Event {
-    /// Its process runs.
+    /// The node's process has started.
     Started { node: String, pid: u32 },
-    /// It is ready.
+    /// The node is ready.
     Ready { node: String, pid: u32 },
-    /// It told its status.
+    /// The node reported its status.
     Status { node: String, text: String },
-    /// It was restarted because of what happened.
+    /// The node was restarted, with the reason.
     Restarted { node: String, how: String, attempt: u32, allowed: u32 },
-    /// It was killed because it did not end when asked.
+    /// The node was killed because it did not end when asked.
     KilledAtEnd { node: String, after: Duration },
     /// The run begins to end.
     Ending(Ending),
 }
 
-/// Whoever watches a run: the progress line, or the soak test.
+/// An observer of a run, such as the progress line or the soak test.
 pub(crate) trait Observer {
-    /// A line that a node wrote.
+    /// A node wrote a line.
     fn line(&mut self, node: &str, line: &str);
     /// Something happened to a node.
     fn event(&mut self, event: &Event);
@@ -142,7 +143,7 @@ pub(crate) trait Observer {
     fn opened(&mut self, _bus: &Bus) -> Result<(), OpenError> {
         Ok(())
     }
-    /// The nodes have ended: whatever of the observer is in the bench leaves it.
+    /// The nodes have ended, and the observer must leave the bench.
     fn closed(&mut self) {}
 }
 
@@ -155,29 +156,30 @@ pub(crate) enum Continuation {
     End,
 }
 
-/// Longest time between two looks at `Health` and between two calls of [`Observer::tick`].
+/// Longest time between two reads of `Health` and between two calls of [`Observer::tick`].
 pub(crate) const TICK: Duration = Duration::from_millis(50);
 
-/// Where `Health` comes from.
+/// Source of `Health` messages, and the launcher's link to the bench.
 pub(crate) trait HealthSource {
-    /// The next message that has arrived.
+    /// The next received message.
     fn next(&mut self) -> Option<whirlstand_msgs::Health>;
     /// Addresses on which nodes can reach the launcher.
     fn locators(&self) -> Vec<String>;
-    /// The bench can be reached on these addresses from now on.
+    /// Publishes the addresses on which the bench can be reached from now on.
     fn reachable(&mut self, locators: &[String]);
-    /// A node died: whatever it held on the bench can be taken away.
+    /// Reports that a node died, so that its resources on the bench can be released.
     fn node_died(&mut self);
 }
 
-/// What is common to all nodes of a run.
+/// Specification that is common to all nodes of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct BenchSpec {
     /// The nodes, in the order in which they are started.
     pub nodes: Vec<NodeSpec>,
-    /// Start each node only when the one before is ready, and tell it the addresses of those before (Zenoh).
+    /// Whether each node is started only when the one before is ready, and is given the addresses of those
+    /// before (Zenoh).
     pub exchange_locators: bool,
-    /// Nodes that were started elsewhere.
+    /// Names of nodes that are started elsewhere.
     pub external: Vec<String>,
     /// Folder for notify sockets.
     pub folder: PathBuf,

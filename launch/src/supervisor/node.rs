@@ -1,4 +1,4 @@
-//! One node of a running bench: its process, what phase it is in, and what is owed to it next.
+//! One node of a running bench: its process, its phase and its next deadline.
 
 use std::io;
 use std::path::Path;
@@ -18,15 +18,15 @@ use super::{NodeFailure, NodeSpec, Readiness};
 /// Phase of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Phase {
-    /// Not started yet, or to be started again.
+    /// Not started yet, or waiting to be restarted.
     Waiting,
-    /// Started, not ready; counts as failed after this time.
+    /// Started but not ready; it counts as failed after this time.
     Starting(Option<Instant>),
     /// Ready.
     Running,
-    /// Asked to end; killed at this time.
+    /// Asked to end; it is killed at this time.
     Stopping(Instant),
-    /// Ended, and not to be started again.
+    /// Ended, and not to be restarted.
     Ended,
 }
 
@@ -37,9 +37,9 @@ pub(crate) struct End {
     pub how: String,
     /// True for exit code 0.
     pub well: bool,
-    /// True for exit code 2: the user can mend it.
+    /// True for exit code 2: the user can correct the failure.
     pub mendable: bool,
-    /// True for exit codes 2 and 3: trying again does not help.
+    /// True for exit codes 2 and 3: a restart does not help.
     pub last: bool,
     /// True when the process ended before it was ready.
     pub before_ready: bool,
@@ -52,15 +52,15 @@ pub(crate) struct Node {
     pub phase: Phase,
     pub process: Option<Process>,
     pub restarts: u32,
-    /// Addresses on which peers reach it.
+    /// Addresses on which peers reach the node.
     pub locators: Vec<String>,
-    /// Number of the present process, or of the last.
+    /// Number of the present process, or of the last one.
     latest_pid: u32,
     /// When the present process became ready.
     pub ready_since: Option<Instant>,
     recent_lines: RecentLines,
     line_quota: LineQuota,
-    /// Why the supervisor itself killed it.
+    /// Reason why the supervisor killed the process.
     blame: Option<String>,
 }
 
@@ -117,20 +117,20 @@ impl Node {
         self.process.as_ref().map_or(0, Process::pid)
     }
 
-    /// Whether a report in this node's name is its own: of its present process or, once that has ended, of its last.
-    /// A foreign program may report from any process that it starts.
+    /// Whether a report in this node's name is its own: from its present process or, once that has ended, from its
+    /// last one. A foreign program may report from any process that it starts.
     pub fn is_own(&self, health: &Health) -> bool {
         !self.spec.publishes_health || health.pid == self.latest_pid
     }
 
-    /// Messages of the node on its notify socket.
+    /// Reads the messages of the node on its notify socket.
     pub fn notices(&mut self) -> Vec<Notice> {
         let notices = self.process.as_ref().map_or_else(Vec::new, |p| p.notify.drain());
         for notice in &notices {
             match notice {
                 Notice::Locator(locator) if !self.locators.contains(locator) => {
                     self.locators.push(locator.clone());
-                    // Of a node that tells new addresses without end, the latest count.
+                    // For a node that reports new addresses without end, the latest ones are kept.
                     if self.locators.len() > MOST_LOCATORS {
                         self.locators.remove(0);
                     }
@@ -141,8 +141,8 @@ impl Node {
         notices
     }
 
-    /// The lines that the node wrote since the last call, as many as are to be shown; the last of all are kept.
-    /// `ended` when its process has.
+    /// The lines that the node wrote since the last call, within the limit for showing; the last lines are
+    /// kept. `ended` is true when its process has ended.
     pub fn lines(&mut self, now: Instant, ended: bool) -> Vec<String> {
         let Some(process) = &mut self.process else { return Vec::new() };
         let mut lines = process.stderr.drain(now);
@@ -151,7 +151,7 @@ impl Node {
         self.line_quota.shown(lines, now, ended)
     }
 
-    /// How the process ended, if it has. [`Node::release`] is to follow, once its last lines are read.
+    /// How the process ended, if it has ended. [`Node::release`] must follow, after its last lines are read.
     pub fn reap(&mut self) -> Option<End> {
         let status = self.process.as_mut()?.status()?;
         let how = self.blame.take().unwrap_or_else(|| ending(status));
@@ -161,12 +161,12 @@ impl Node {
         Some(End { how, well: status.success(), mendable, last, before_ready })
     }
 
-    /// Lets go of a process that has ended, and kills whatever it started and left behind.
+    /// Releases a process that has ended, and kills the processes that it started and left behind.
     pub fn release(&mut self) {
         self.process = None;
     }
 
-    /// Asks the process to end, and wakes it up for that if it is stopped.
+    /// Asks the process to end, and continues it if it is stopped.
     pub fn ask_to_end(&mut self, now: Instant) {
         match &self.process {
             Some(process) if !matches!(self.phase, Phase::Stopping(_)) => {
@@ -179,7 +179,7 @@ impl Node {
         }
     }
 
-    /// Kills the process because of `blame`, which then stands for how it ended.
+    /// Kills the process. The reason `blame` is then reported as its end.
     pub fn kill(&mut self, blame: String) {
         if let Some(process) = &self.process {
             process.signal(Signal::KILL);
@@ -187,7 +187,7 @@ impl Node {
         }
     }
 
-    /// Whether the process has been killed and is only to be reaped.
+    /// Whether the process has been killed and only needs to be reaped.
     pub fn is_condemned(&self) -> bool {
         self.blame.is_some()
     }
@@ -197,7 +197,7 @@ impl Node {
         NodeFailure { node: self.spec.name.clone(), how, last_lines: self.recent_lines.lines(), mendable }
     }
 
-    /// When this node is to be killed if nothing happens before.
+    /// Time at which this node is killed unless an event comes first.
     pub fn deadline(&self) -> Option<Instant> {
         match self.phase {
             Phase::Starting(limit) => limit,
@@ -207,7 +207,7 @@ impl Node {
     }
 }
 
-/// Most addresses of one node that others are told.
+/// Most addresses of one node that are passed on to others.
 const MOST_LOCATORS: usize = 32;
 
 /// Environment variable with the addresses of a node's peers, separated by commas.

@@ -5,10 +5,10 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 
-/// Longest datagram that is read; longer ones are cut, and the cut line is dropped.
+/// Longest datagram that is read, bytes; a longer one is cut, and the cut line is dropped.
 const LONGEST: usize = 8192;
 
-/// Most datagrams that are read at a time.
+/// Most datagrams that are read in one call.
 const MOST_AT_ONCE: usize = 64;
 
 /// A message of a node on its notify socket.
@@ -22,7 +22,7 @@ pub(crate) enum Notice {
     Locator(String),
 }
 
-/// The socket that one process is told of in `NOTIFY_SOCKET`.
+/// The notify socket of one process, whose path is in its `NOTIFY_SOCKET`.
 #[derive(Debug)]
 pub(crate) struct NotifySocket {
     socket: UnixDatagram,
@@ -30,7 +30,8 @@ pub(crate) struct NotifySocket {
 }
 
 impl NotifySocket {
-    /// Binds a socket as a file, which, unlike an abstract name, is reachable from another network namespace too.
+    /// Binds a socket as a file, which, unlike an abstract name, can also be reached from another network
+    /// namespace.
     ///
     /// # Errors
     /// When the file cannot be made.
@@ -41,12 +42,13 @@ impl NotifySocket {
         Ok(Self { socket, path })
     }
 
-    /// What `NOTIFY_SOCKET` is set to.
+    /// Value of `NOTIFY_SOCKET`.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What has been told since the last call, at most [`MOST_AT_ONCE`] datagrams: a sender without end waits.
+    /// The messages received since the last call, at most [`MOST_AT_ONCE`] datagrams, so that an endless
+    /// sender has to wait.
     pub fn drain(&self) -> Vec<Notice> {
         let mut notices = Vec::new();
         let mut buffer = [0; LONGEST];
@@ -66,12 +68,12 @@ impl AsFd for NotifySocket {
 
 impl Drop for NotifySocket {
     fn drop(&mut self) {
-        // The folder is temporary and removed as a whole; a file that is already gone is no matter.
+        // The folder is temporary and removed as a whole, so a failure here does not matter.
         let _ = std::fs::remove_file(&self.path);
     }
 }
 
-/// The assignments of one datagram that mean something here; all others are for other supervisors.
+/// The known assignments in one datagram; others are meant for other supervisors.
 fn parse(text: &str) -> Vec<Notice> {
     let known = |line: &str| match line.split_once('=')? {
         ("READY", "1") => Some(Notice::Ready),
@@ -80,7 +82,7 @@ fn parse(text: &str) -> Vec<Notice> {
         _ => None,
     };
     let mut notices: Vec<_> = text.lines().filter_map(known).collect();
-    // Readiness comes last, so that whoever acts on it already knows the addresses of the same datagram.
+    // Readiness comes last, so that its receiver already knows the addresses in the same datagram.
     notices.sort_by_key(|n| *n == Notice::Ready);
     notices
 }

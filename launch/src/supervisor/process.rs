@@ -20,7 +20,7 @@ pub(crate) struct CommandLine {
     pub arguments: Vec<std::ffi::OsString>,
     /// Environment variables added to the launcher's own.
     pub env: Vec<(String, String)>,
-    /// Text for standard input; without it, standard input is empty.
+    /// Text for standard input; `None` gives an empty standard input.
     pub stdin: Option<String>,
 }
 
@@ -36,8 +36,9 @@ pub(crate) struct Process {
 }
 
 impl Process {
-    /// Starts a process in a group of its own, which the kernel asks to end when the launcher dies: killed at once, it could
-    /// not bring its actuators to neutral. See [`super::guard`] for what does not listen.
+    /// Starts a process in a group of its own. The kernel asks it to end when the launcher dies: if it were killed
+    /// at once, it could not bring its actuators to neutral. [`super::guard`] ends processes that ignore the
+    /// request.
     ///
     /// # Errors
     /// When the program cannot be started.
@@ -52,14 +53,14 @@ impl Process {
             .stdin(if line.stdin.is_some() { Stdio::piped() } else { Stdio::null() })
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        // SAFETY: between fork and exec only prctl(2), getppid(2) and the making of an error without allocation
-        // happen, all of them async-signal-safe.
+        // SAFETY: between fork and exec only prctl(2), getppid(2) and the construction of an error without
+        // allocation happen, all of them async-signal-safe.
         unsafe {
             command.pre_exec(move || {
                 if libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM) != 0 {
                     return Err(io::Error::last_os_error());
                 }
-                // The launcher may have died before the line above.
+                // The launcher may have died before the preceding line.
                 if libc::getppid() as u32 != launcher {
                     return Err(io::Error::from_raw_os_error(libc::ESRCH));
                 }
@@ -90,11 +91,11 @@ impl Process {
         Ok((pid, pidfd, stdout, stderr))
     }
 
-    /// Hands over the text for standard input. A process that died without reading it is told of by its exit.
+    /// Writes the text to standard input. If a process ends without reading it, its exit status reports that.
     fn feed(&mut self, text: Option<&str>) -> io::Result<()> {
         if let (Some(text), Some(mut stdin)) = (text, self.child.stdin.take()) {
             let text = text.to_string();
-            // A text longer than the pipe would block until the child reads it.
+            // A text longer than the pipe's capacity would block until the child reads it.
             std::thread::Builder::new().spawn(move || {
                 let _ = stdin.write_all(text.as_bytes());
             })?;
@@ -107,7 +108,7 @@ impl Process {
         self.child.id()
     }
 
-    /// Becomes readable when the process has ended.
+    /// A descriptor that becomes readable when the process has ended.
     pub fn ended(&self) -> BorrowedFd<'_> {
         self.pidfd.as_fd()
     }
@@ -117,9 +118,10 @@ impl Process {
         self.child.try_wait().ok().flatten()
     }
 
-    /// Sends a signal to the whole group, and to what left it (setsid(2)): programs that start further ones are reached too.
+    /// Sends a signal to the whole group and to the processes that left it (setsid(2)), so that descendants are
+    /// reached too.
     pub fn signal(&self, signal: Signal) {
-        // A group that is already gone needs no signal.
+        // A group that has already ended needs no signal.
         let _ = rustix::process::kill_process_group(self.pid, signal);
         let group = self.pid.as_raw_pid();
         HeldProcess::all()

@@ -1,4 +1,4 @@
-//! Ctrl-C and SIGTERM as something that can be polled.
+//! Ctrl-C and SIGTERM as a descriptor that can be polled.
 
 use std::io::{self, Read};
 use std::os::fd::{AsFd, BorrowedFd};
@@ -14,11 +14,11 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 /// Signals that end a run in order.
 const ENDING: [i32; 3] = [SIGINT, SIGTERM, SIGHUP];
 
-/// True while nobody takes the signals, after somebody did: they then end the process, as they did before. A handler, once
-/// installed, stays, and without this a run that computes its report could not be ended.
+/// True after a taker of the signals was dropped: the signals then end the process again. An installed handler
+/// stays installed; without this flag a run that computes its report could not be ended.
 static UNATTENDED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// Turns the ending signals of this process into readable bytes, until dropped.
+/// Turns the ending signals of this process into readable bytes, until this is dropped.
 #[derive(Debug)]
 pub(crate) struct Signals {
     stream: UnixStream,
@@ -37,7 +37,7 @@ impl Signals {
         let mut signals = Self { stream, came: Vec::new(), ids: Vec::new() };
         for signal in ENDING {
             let flag = Arc::new(AtomicBool::new(false));
-            // The flag is registered first: whoever is woken by the byte already sees it.
+            // The flag is registered first, so that a reader woken by the byte already sees it.
             signals.ids.push(signal_hook::flag::register(signal, Arc::clone(&flag))?);
             signals.ids.push(signal_hook::low_level::pipe::register(signal, writer.try_clone()?)?);
             signals.came.push((signal, flag));
@@ -54,7 +54,7 @@ impl Signals {
         Ok(signals)
     }
 
-    /// Waits for a signal, at most so long.
+    /// Waits for a signal, at most for the time `longest`.
     ///
     /// # Errors
     /// When the operating system refuses polling.
@@ -66,7 +66,7 @@ impl Signals {
         }
     }
 
-    /// A signal that came since the last call.
+    /// A signal that arrived since the last call.
     pub fn next(&mut self) -> Option<i32> {
         let mut buffer = [0; 64];
         while matches!(self.stream.read(&mut buffer), Ok(n) if n > 0) {}
@@ -85,7 +85,7 @@ impl Drop for Signals {
         if let Some(unattended) = UNATTENDED.get() {
             unattended.store(true, Ordering::SeqCst);
         }
-        // One that came too late for whoever looked is not forgotten.
+        // A signal that arrived too late for the last check is not lost.
         if let Some(signal) = self.next() {
             let _ = signal_hook::low_level::emulate_default_handler(signal);
         }

@@ -1,4 +1,4 @@
-//! A bench in one thread of this process, watched like one of processes.
+//! A bench in one thread of this process, supervised like one of several processes.
 
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -10,15 +10,15 @@ use whirlstand_msgs::Health;
 use super::signals::Signals;
 use super::{Continuation, Ending, Event, HealthSource, HealthTable, NodeFailure, Observer, Outcome, TICK};
 
-/// How long a thread that was asked to end may still compute: a step takes far less, but what comes before the first one
-/// and does not look at the flag, such as the design of a law for many states, can take any time.
+/// How long a thread that was asked to end may continue to compute. A step takes far less, but work before the
+/// first step that does not check the flag, such as the design of a law for many states, can take any time.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// How the thread ended: the last report of each node, or what went wrong and whether the user can mend it.
+/// How the thread ended: the last report of each node, or the failure and whether the user can correct it.
 pub(crate) type ThreadEnd = Result<Vec<Health>, (String, bool)>;
 
-/// Runs `body` in a thread of its own, calls `stop` on the first ending signal, and watches `health` meanwhile. A second
-/// signal leaves the thread alone at once, and so does its silence for some seconds: it then ends with the process.
+/// Runs `body` in a thread of its own, calls `stop` on the first ending signal, and reads `health` meanwhile. A
+/// second signal, or a silence of some seconds, abandons the thread; it then ends with the process.
 ///
 /// # Errors
 /// When the operating system refuses signals, threads or polling.
@@ -30,7 +30,7 @@ pub(crate) fn supervise_thread(
 ) -> io::Result<Outcome> {
     let mut signals = Signals::take()?;
     let started = Instant::now();
-    // The thread's end closes its side, which wakes the poll below.
+    // The end of the thread closes its side of the pair, which wakes the poll below.
     let (ended, open) = UnixStream::pair()?;
     let thread = std::thread::Builder::new().name("bench".into()).spawn(move || {
         let end = body();

@@ -1,4 +1,4 @@
-//! What `whirlstand tune` answers.
+//! The answer of `whirlstand tune`.
 
 use std::collections::BTreeMap;
 
@@ -11,14 +11,14 @@ use super::judge::{Gain, LawFigures};
 use super::retune::Retuned;
 use super::truth::OnTruth;
 
-/// What `whirlstand tune` answers.
+/// The answer of `whirlstand tune`.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Tuning {
     /// `whirlstand.tune.v1`.
     pub schema: &'static str,
-    /// The launch file.
+    /// Name of the launch file.
     pub launch: String,
-    /// The vehicle that the old law was designed for.
+    /// Name of the vehicle for which the old law was designed.
     pub vehicle: String,
     /// The old law and the new one.
     pub law_before: LawKind,
@@ -26,47 +26,47 @@ pub(crate) struct Tuning {
     pub law_after: LawKind,
     /// The verdict of the diagnosis, in a sentence.
     pub diagnosis: String,
-    /// What it found.
+    /// Causes that the diagnosis found.
     pub causes: Vec<Cause>,
-    /// What the new law cannot use.
+    /// Effects that the design of the new law cannot use.
     pub left_out: Vec<LeftOut>,
-    /// Number of draws that both laws flew.
+    /// Number of draws flown with each law.
     pub draws: u64,
-    /// The old law on the extended vehicle.
+    /// Figures of the old law on the extended vehicle.
     pub before: LawFigures,
-    /// The new law on it.
+    /// Figures of the new law on the extended vehicle.
     pub after: LawFigures,
-    /// Margins of the old law with its filter around the extended vehicle; absent for the stick.
+    /// Margins of the old law with its filter around the extended vehicle; absent for control by stick.
     pub loop_before: Option<LoopFigures>,
-    /// Margins of the new one.
+    /// Margins of the new law with its filter around the extended vehicle.
     pub loop_after: Option<LoopFigures>,
-    /// Which is better.
+    /// Comparison of the two laws.
     pub gain: Gain,
-    /// Weights that were chosen anew, and on what.
+    /// Weights that were chosen anew, and the draws that they were chosen on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub retuned: Option<Retuned>,
-    /// The draw on which the law that is kept costs most.
+    /// The draw on which the kept law costs most.
     pub worst: WorstDraw,
-    /// What the laws are worth on the vehicle that was told to be the truth.
+    /// Results of the laws on the vehicle that was given as the truth.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<OnTruth>,
     /// The launch file that `run` takes.
     pub tuned: String,
-    /// The extended vehicle file, if something was found.
+    /// The extended vehicle file, if the diagnosis found a cause.
     pub extended_vehicle: Option<String>,
-    /// The page.
+    /// The report page.
     pub report: String,
 }
 
 /// The draw on which a law costs most.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct WorstDraw {
-    /// Its number.
+    /// Number of the draw.
     pub draw: u64,
-    /// The vehicle was lost.
+    /// Whether the vehicle was lost.
     pub lost: bool,
-    /// Its figures under the keys of `[expect]`, SI.
+    /// Figures of the draw under the keys of `[expect]`, SI.
     pub figures: BTreeMap<String, f64>,
-    /// The launch file that flies it.
+    /// The launch file that flies the draw.
     pub launch: String,
 }

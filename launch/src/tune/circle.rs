@@ -1,4 +1,4 @@
-//! The circle: record, causes, extended vehicle, new law, flights, verdict.
+//! The tuning sequence: record, causes, extended vehicle, new law, flights, verdict.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -30,7 +30,7 @@ use crate::command::{INTERRUPTED, tell, write};
 use crate::error::Failure;
 use crate::file::{FoundFile, find, plan};
 
-/// Fewest draws that are worth a verdict.
+/// Least number of draws for a verdict.
 const FEWEST_DRAWS: u64 = 20;
 
 /// Runs the command.
@@ -40,7 +40,7 @@ pub(crate) fn tune(args: &TuneArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Goes through the circle and leaves its files; `None` when a signal ended it.
+/// Runs the tuning sequence and writes its files; `None` when a signal ended it.
 ///
 /// # Errors
 /// What is wrong with the arguments, the record or a file, and when no law can be designed.
@@ -114,10 +114,10 @@ pub(crate) fn circle(args: &TuneArgs) -> Result<Option<Tuning>, Failure> {
     Ok(Some(answer))
 }
 
-/// How the flights of a law are judged, and their motion.
+/// The judgement and the motion of a law's flights.
 type Flights = (Vec<Judged>, Vec<Motion>);
 
-/// Both laws on every draw; `None` when a signal ended it.
+/// Flies both laws on every draw; `None` when a signal ended it.
 fn fly(trials: &Trials<'_>, laws: [&Pilot; 2], count: u64) -> Result<Option<[Flights; 2]>, Failure> {
     let line = StageLine::new("tune", None);
     let listener = line.listener();
@@ -132,7 +132,7 @@ fn fly(trials: &Trials<'_>, laws: [&Pilot; 2], count: u64) -> Result<Option<[Fli
     }))
 }
 
-/// The new law, with weights that were chosen anew where that is asked for; `None` when a signal ended it.
+/// The new law, with its weights chosen anew where that is requested; `None` when a signal ended it.
 fn chosen(
     args: &TuneArgs,
     new: Pilot,
@@ -150,7 +150,7 @@ fn chosen(
         )));
     }
     let sensitivity_limit = args.max_sensitivity;
-    // Those that are judged come before.
+    // The draws with lower numbers are those that are judged.
     let wanted = Wanted { config, model, trials, first_draw: args.draws, sensitivity_limit };
     let line = StageLine::new("tune", None);
     (line.listener())(Stage { what: "choosing weights", detail: "", share: None });
@@ -159,7 +159,7 @@ fn chosen(
     Ok(found?.map(|(pilot, told)| (pilot, Some(told))))
 }
 
-/// The draw on which a law costs most; one on which it loses the vehicle before all others.
+/// The draw on which a law costs most; a draw on which it loses the vehicle comes before all others.
 fn worst(flights: &[Judged], vehicle: &Vehicle, launch: &Path) -> WorstDraw {
     let most = flights.iter().enumerate().max_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
     let (draw, lost) = most.map_or((0, false), |(at, judged)| (at as u64, judged.lost));
@@ -168,7 +168,7 @@ fn worst(flights: &[Judged], vehicle: &Vehicle, launch: &Path) -> WorstDraw {
     WorstDraw { draw, lost, figures, launch: launch.display().to_string() }
 }
 
-/// The launch files and vehicles that a tuning leaves.
+/// Writes the launch files and vehicle files of a tuning.
 fn write_files(
     paths: &Paths,
     found: &FoundFile,
@@ -205,7 +205,7 @@ impl Paths {
     }
 }
 
-/// The vehicle that the launch file's law is designed for, and where its file is.
+/// The vehicle for which the launch file's law is designed, and the folder of its file.
 fn believed(config: &NodeConfig, folder: &Path) -> Result<(Vehicle, String), Failure> {
     let VehicleSource { origin, text } = config.model.as_ref().unwrap_or(&config.vehicle);
     let mut vehicle = Vehicle::parse(text, origin).map_err(Failure::mend)?;
@@ -227,15 +227,15 @@ fn diagnosis(args: &TuneArgs, vehicle: &Vehicle) -> Result<Diagnosis, Failure> {
     answer.map_err(Failure::mend)
 }
 
-/// The vehicle with what was found of it. A gust that the record holds is not the vehicle's, and those of the flights to come
-/// are the launch file's.
+/// The vehicle extended by the causes found. A gust in the record does not belong to the vehicle; the gusts of
+/// later flights are those of the launch file.
 fn extended(diagnosis: &Diagnosis, believed: &Vehicle) -> Vehicle {
     let mut vehicle = diagnosis.extended.as_deref().unwrap_or(believed).clone();
     vehicle.effects.retain(|e| !is_disturbance(e) || believed.effects.contains(e));
     vehicle
 }
 
-/// What the law does not know of the vehicle; for the stick alone, all that is not linear.
+/// Effects of the vehicle that the law does not use; for control by stick, all nonlinear effects.
 fn left_out(pilot: &Pilot, linear: &LinearModel, vehicle: &Vehicle) -> Result<Vec<LeftOut>, Failure> {
     if let Some(design) = &pilot.design {
         return controller::left_out(design, &pilot.controller, vehicle).map_err(Failure::mend);
@@ -248,7 +248,7 @@ fn left_out(pilot: &Pilot, linear: &LinearModel, vehicle: &Vehicle) -> Result<Ve
     Ok(linear.left_out.iter().map(told).collect())
 }
 
-/// Nothing was found that a new law could be designed for; why, as the diagnosis says.
+/// The result when the diagnosis found no cause for which a new law could be designed, with the reason.
 fn unchanged(verdict: Verdict) -> Gain {
     let why = match verdict {
         Verdict::Inconclusive => "the diagnosis is inconclusive, so there is nothing to design a new one for",

@@ -1,4 +1,4 @@
-//! Draws of the vehicle: what the diagnosis found, within what it is sure of; each as the bench that flies it.
+//! Draws of the vehicle from the uncertainty of the diagnosis, each as the bench that flies it.
 
 use whirlstand_nodes::config::{NodeConfig, VehicleSource};
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
@@ -6,7 +6,8 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 use super::joint::Joint;
 use super::pilot::Pilot;
 
-/// Whether a launch file's effect belongs to every flight of a vehicle, whatever the vehicle is: it comes from outside.
+/// Whether a launch file's effect is an external disturbance, which belongs to every flight, whatever the vehicle
+/// is.
 pub(super) fn is_disturbance(effect: &Effect) -> bool {
     matches!(
         effect.kind(),
@@ -18,15 +19,16 @@ pub(super) fn is_disturbance(effect: &Effect) -> bool {
 pub(super) struct Draws<'a> {
     /// The bench of the launch file.
     config: NodeConfig,
-    /// Where the vehicle's file was read, for what it names beside itself.
+    /// Path from which the vehicle file was read, to which the paths in it are relative.
     origin: &'a str,
     extended: &'a Vehicle,
     joint: Joint<'a>,
 }
 
 impl<'a> Draws<'a> {
-    /// Of `extended`, within the intervals of the causes and as their errors hang together, flown as `config` says: its start, setpoints, stick and disturbances.
-    /// Other effects of the launch file are what the record shows and the diagnosis finds.
+    /// Draws of `extended` within the intervals of the causes, with the correlations of their errors. They are
+    /// flown with the start, setpoints, stick and disturbances of `config`. Other effects of the launch file are
+    /// left out, because the record shows them and the diagnosis finds them.
     pub fn new(config: &NodeConfig, origin: &'a str, extended: &'a Vehicle, joint: Joint<'a>) -> Self {
         let mut config = config.clone();
         config.effects.retain(is_disturbance);

@@ -1,11 +1,11 @@
-//! Parameters that are drawn together: their errors hang together as the diagnosis says.
+//! Parameters that are drawn jointly, with the correlations of their errors from the diagnosis.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_campaign::correlation_root;
 use whirlstand_diagnose::answer::{Cause, Correlation};
 use whirlstand_vehicle::Stream;
 
-/// Standard deviations from the middle to either end of an interval that holds 95 %.
+/// Standard deviations from the centre to either end of an interval that holds 95 %.
 const NINETY_FIVE: f64 = 1.96;
 
 /// The joint normal distribution of the parameters of all causes.
@@ -17,7 +17,7 @@ pub(super) struct Joint<'a> {
 }
 
 impl<'a> Joint<'a> {
-    /// Of these causes. Pairs without a correlation are independent.
+    /// The distribution of the parameters of these causes. Pairs without a correlation are independent.
     pub fn new(causes: &'a [Cause], correlations: &[Correlation]) -> Self {
         let names: Vec<_> = causes
             .iter()
@@ -39,7 +39,8 @@ impl<'a> Joint<'a> {
         Self { causes, root }
     }
 
-    /// A draw: cause, parameter and value, in the order of the causes. What the diagnosis gives no interval is left out.
+    /// A draw: cause, parameter and value, in the order of the causes. A parameter without an interval is left
+    /// out.
     pub fn draw(&self, seed: u64) -> Vec<(&'a Cause, &'a str, f64)> {
         let mut normal = Vec::new();
         for cause in self.causes {
@@ -123,7 +124,7 @@ mod tests {
             assert!((a - 0.01).abs() < 0.0005 && (b - 0.05).abs() < 0.0025, "{a} {b}");
             assert!((found - wanted).abs() < 0.05, "{found} in place of {wanted}");
         }
-        // What a delay and a lag do together is known far better than either: their sum, at -0.95.
+        // The sum of a delay and a lag is known far better than either of them: their correlation is -0.95.
         let narrow = [
             cause("input_delay", "delay_s", 0.1, 0.0196),
             cause("actuator_lag", "time_constant_s", 0.2, 0.0196),

@@ -1,4 +1,4 @@
-//! What the flights of both laws say.
+//! Judgement of the flights of both laws.
 
 use std::collections::BTreeMap;
 use whirlstand_msgs::units::ShownUnit;
@@ -11,42 +11,43 @@ use whirlstand_evaluate::{Expectation, Figure, Flight, RunSummary};
 use whirlstand_logs::stats;
 use whirlstand_vehicle::Vehicle;
 
-/// Figures of an output and of an input that are told.
+/// Figures of an output and of an input that are reported.
 const OUTPUT_FIGURES: [&str; 3] = ["peak", "recovery_s", "iae"];
 const INPUT_FIGURES: [&str; 2] = ["rms", "travel_per_s"];
 
-/// Weight of a rate whose angle is weighed as well.
+/// Weight of a rate whose angle is weighted as well.
 const RATES: f64 = 0.01;
 
 /// Share of the draws on which the new law must be the better one.
 const BETTER_SHARE: f64 = 0.5;
 
-/// What a figure without a value counts, in parts of its limit.
+/// Count of a figure without a value, as a multiple of its limit.
 const NEVER: f64 = 10.0;
 
-/// One flight, as it is judged.
+/// The judgement of one flight.
 #[derive(Debug, Clone)]
 pub(super) struct Judged {
-    /// A state left the model.
+    /// Whether a state left the validity of the model.
     pub lost: bool,
-    /// An expectation of the launch file does not hold, or the vehicle was lost.
+    /// Whether an expectation of the launch file is violated, or the vehicle was lost.
     pub violates: bool,
-    /// The greatest figure of a signal in parts of its limit, 1 for one that just holds; [`NEVER`] for one without a value,
-    /// such as a recovery without an end. Absent where nothing is expected of a signal.
+    /// The greatest figure of a signal as a multiple of its limit, 1 for one that just holds; [`NEVER`] for a
+    /// figure without a value, such as the recovery time of a signal that does not recover. Absent where no
+    /// expectation concerns a signal.
     pub of_limit: Option<f64>,
-    /// See [`cost`]; infinite when the vehicle was lost.
+    /// Cost of the flight, see [`cost`]; infinite when the vehicle was lost.
     pub cost: f64,
-    /// The figures, where it was not.
+    /// Figures of the flight, unless the vehicle was lost.
     pub figures: Option<RunSummary>,
 }
 
 impl Judged {
-    /// A flight on which a state left the model.
+    /// The judgement of a flight on which a state left the model.
     pub fn lost() -> Self {
         Self { lost: true, violates: true, of_limit: None, cost: f64::INFINITY, figures: None }
     }
 
-    /// A flight that came to its end.
+    /// The judgement of a completed flight.
     pub fn flown(figures: RunSummary, flight: &Flight, plant: &SampledPlant, limits: &[Expectation]) -> Self {
         let checked = check(limits, &figures.timing, Some(&figures));
         let shares = checked.iter().filter(|c| c.key.contains('.') && c.limit > 0.0);
@@ -61,7 +62,7 @@ impl Judged {
     }
 }
 
-/// Keys of the figures that are told of a vehicle's signals.
+/// Keys of the figures of a vehicle's signals that are reported.
 pub(super) fn told_keys(vehicle: &Vehicle) -> Vec<String> {
     let outputs = vehicle.outputs.iter().flat_map(|o| OUTPUT_FIGURES.map(|f| format!("{}.{f}", o.name)));
     let inputs = vehicle.inputs.iter().flat_map(|i| INPUT_FIGURES.map(|f| format!("{}.{f}", i.name)));
@@ -78,8 +79,9 @@ impl Judged {
     }
 }
 
-/// Mean square of the errors of all states and of all inputs, each measured by its size, rates a hundredth of that (Bryson's
-/// rule, as the regulator's default): one number for how well was flown and at what effort, the same for every law.
+/// Cost of a flight: mean square of the errors of all states and of all inputs, each divided by its size, with a
+/// hundredth of the weight for rates (Bryson's rule, as the regulator's default). One number for accuracy and
+/// effort, the same for every law.
 pub(crate) fn cost(flight: &Flight, plant: &SampledPlant) -> f64 {
     let (n, m) = (plant.own_count(), plant.input_count());
     let mut weights: Vec<f64> = plant.scales()[..n].iter().map(|s| 1.0 / (s * s)).collect();
@@ -96,14 +98,14 @@ pub(crate) fn cost(flight: &Flight, plant: &SampledPlant) -> f64 {
     (states.sum::<f64>() + inputs.sum::<f64>()) / steps as f64
 }
 
-/// A figure over all draws: its median and where 95 % of them lie.
+/// Distribution of a figure over all draws: median and central 95 %.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(crate) struct Spread {
     /// Median.
     pub median: f64,
-    /// 2.5 % of the draws lie below.
+    /// Quantile of 2.5 %.
     pub low: f64,
-    /// 2.5 % of them lie above.
+    /// Quantile of 97.5 %: 2.5 % of the draws are above.
     pub high: f64,
 }
 
@@ -115,23 +117,24 @@ impl Spread {
     }
 }
 
-/// What the flights of one law come to.
+/// Figures of the flights of one law.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct LawFigures {
-    /// On how many of the draws the vehicle was lost, with the interval of the share.
+    /// Share of the draws on which the vehicle was lost, with its interval.
     pub probability_unstable: Proportion,
-    /// The same of the draws on which an expectation of the launch file does not hold, or the vehicle was lost.
+    /// Share of the draws on which an expectation of the launch file is violated or the vehicle was lost, with
+    /// its interval.
     pub probability_violated: Proportion,
     /// Cost; absent when the vehicle was lost on all draws.
     pub cost: Option<Spread>,
     /// Figures under the keys of `[expect]`, SI, over the draws that have them.
     pub figures: BTreeMap<String, Spread>,
-    /// SI units of these.
+    /// SI units of the figures.
     pub units: BTreeMap<String, ShownUnit>,
 }
 
 impl LawFigures {
-    /// Of all draws.
+    /// From the judgements of all draws.
     pub(super) fn of(judged: &[Judged], vehicle: &Vehicle) -> Self {
         let share = |of: &dyn Fn(&Judged) -> bool| {
             Proportion::new(judged.iter().filter(|j| of(j)).count() as u64, judged.len() as u64)
@@ -164,24 +167,24 @@ fn units(vehicle: &Vehicle) -> BTreeMap<String, ShownUnit> {
         .collect()
 }
 
-/// Whether the new law is the better one.
+/// Whether and by how much the new law is better.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Gain {
     /// New cost over old cost, draw by draw, geometric mean; absent when no draw has both.
     pub cost_ratio: Option<f64>,
-    /// 95 % interval of that mean.
+    /// Lower end of the 95 % interval of that mean.
     pub cost_ratio_low: Option<f64>,
     /// See [`Self::cost_ratio_low`].
     pub cost_ratio_high: Option<f64>,
     /// Share of the draws on which the new law costs less.
     pub better_share: f64,
-    /// The new law is kept.
+    /// Whether the new law is kept.
     pub certain: bool,
-    /// Why, in a sentence.
+    /// The reason, in a sentence.
     pub why: String,
 }
 
-/// Compares the costs of two laws, flight by flight, none of which was lost.
+/// Compares the costs of two laws, flight by flight; the vehicle was lost on none of them.
 pub(crate) fn compare_costs(old: &[f64], new: &[f64]) -> Gain {
     let judged = |costs: &[f64]| -> Vec<Judged> {
         let flown =
@@ -260,7 +263,7 @@ mod tests {
         assert!(!same.certain, "{same:?}");
     }
 
-    /// `[expect]` is what its author wants; the cost is a measure that knows nothing of that.
+    /// `[expect]` states the wishes of its author, which the cost does not know.
     #[test]
     fn fewer_broken_expectations_are_a_gain_whatever_they_cost() {
         let breaking = |count: usize, cost: f64| -> Vec<Judged> {

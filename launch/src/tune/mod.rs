@@ -1,7 +1,9 @@
-//! `whirlstand tune`: a record, its causes, a law for the vehicle as it is, and what that law is worth in flight.
+//! `whirlstand tune`: from a record to its causes, a law for the actual vehicle, and the benefit of that law in
+//! flight.
 //!
-//! The old law and the new one fly the extended vehicle in this process, over draws of what the diagnosis is not sure of:
-//! the same draw for both, so that what differs is the law. The new one is kept only where that is certain.
+//! The old and the new law fly the extended vehicle in this process, over draws from the uncertainty of the
+//! diagnosis. Both laws fly the same draws, so that only the law differs. The new law is kept only where its
+//! benefit is certain.
 
 mod answer;
 mod circle;

@@ -11,11 +11,11 @@ use crate::error::Failure;
 
 /// A law with its filter.
 pub(super) struct Pilot {
-    /// What it was designed as; none for the stick alone.
+    /// The design of the law; `None` for control by stick alone.
     pub design: Option<Design>,
-    /// Its options.
+    /// Options of the controller.
     pub controller: ControllerConfig,
-    /// What law and filter take the vehicle for.
+    /// Vehicle model used by law and filter.
     pub model: VehicleSource,
     estimator: Estimator,
 }
@@ -45,7 +45,7 @@ impl Pilot {
         Ok(Self { design, controller, model, estimator })
     }
 
-    /// Margins with the filter around the vehicle as it is; none for the stick alone.
+    /// Margins of the loop with the filter around the actual vehicle; `None` for control by stick alone.
     pub fn loop_around(&self, linear: &LinearModel, vehicle: &Vehicle) -> Option<LoopFigures> {
         let design = self.design.as_ref()?;
         let every: Vec<u32> = vehicle.outputs.iter().map(|o| o.every).collect();

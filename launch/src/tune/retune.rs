@@ -1,4 +1,4 @@
-//! Weights of a law, chosen anew against the launch file's expectations.
+//! Weights of a law, optimised for the launch file's expectations.
 
 use std::cell::{Cell, RefCell};
 
@@ -15,51 +15,52 @@ use super::pilot::Pilot;
 use super::trials::Trials;
 use crate::error::Failure;
 
-/// Draws that weights are chosen on; none of them is judged on.
+/// Number of draws on which weights are chosen; these draws are not used for the judgement.
 const CHOICE: u64 = 16;
 
-/// Most weights that are tried after the first ones.
+/// Most iterations of the search after the first simplex.
 const MOST_ITERATIONS: u64 = 40;
 
-/// Natural logarithm of the first step of each weight: a factor of two.
+/// First step of each weight in the natural logarithm: a factor of two.
 const FIRST_STEP: f64 = std::f64::consts::LN_2;
 
-/// Natural logarithm of the greatest factor on any weight: a hundred.
+/// Greatest change of any weight in the natural logarithm: a factor of a hundred.
 const FARTHEST: f64 = 4.605_170_185_988_091;
 
-/// What weights count that are not flown, because no law comes of them or its loop is too sensitive: more than any flight.
+/// Objective of weights that are not flown, because they give no law or too sensitive a loop: more than that of
+/// any flight.
 const NOT_FLOWN: f64 = 1e6;
 
-/// What a draw counts on which the vehicle was lost: more than any that came to its end.
+/// Objective of a draw on which the vehicle was lost: more than that of any completed flight.
 const LOST: f64 = 1e3;
 
-/// What was chosen, and on what.
+/// The chosen weights, and the data on which they were chosen.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Retuned {
-    /// First draw that the weights were chosen on; those that are judged come before.
+    /// First draw on which the weights were chosen; draws with lower numbers are those of the judgement.
     pub first_draw: u64,
     /// Number of these draws.
     pub draws: u64,
-    /// Number of weights that were flown on all of them.
+    /// Number of weight sets that were flown on all of these draws.
     pub tried: u64,
-    /// Number of weights that were refused, because no law comes of them or the loop is too sensitive.
+    /// Number of weight sets that were refused, because they give no law or too sensitive a loop.
     pub refused: u64,
-    /// What is made small: `expectations`, the mean over the draws of the greatest figure in parts of its limit, or `cost`
-    /// without any.
+    /// The objective that is minimised: `expectations`, the mean over the draws of the greatest figure as a
+    /// multiple of its limit, or `cost` without expectations.
     pub against: &'static str,
-    /// That, with the weights as they were and as they were chosen.
+    /// The objective with the original weights.
     pub before: f64,
-    /// See [`Self::before`].
+    /// The objective with the chosen weights.
     pub after: f64,
-    /// The peak of the sensitivity that no chosen weight may pass.
+    /// Largest permitted peak of the sensitivity.
     pub sensitivity_limit: f64,
-    /// The peak with the chosen weights.
+    /// Peak of the sensitivity with the chosen weights.
     pub sensitivity: Option<f64>,
     /// The factor on each weight.
     pub factors: Vec<(String, f64)>,
 }
 
-/// One weight that is chosen, or several together.
+/// A weight, or a group of weights with one common factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Knob {
     /// LQR: the weight of an input.
@@ -74,7 +75,7 @@ enum Knob {
     Layer(usize),
 }
 
-/// Weights of a law that can be chosen.
+/// The weights of a law that can be chosen.
 struct Knobs {
     /// The options with every default written out.
     options: LawOptions,
@@ -112,7 +113,7 @@ impl Knobs {
         Ok(Self { options, knobs, is_rate, inputs: plant.input_names().to_vec() })
     }
 
-    /// The options with each weight times e to the power of its number.
+    /// The options with each weight multiplied by e to the power of its element of `by`.
     fn turned(&self, by: &[f64]) -> LawOptions {
         let mut options = self.options.clone();
         for (knob, by) in self.knobs.iter().zip(by) {
@@ -148,7 +149,7 @@ fn scale(weights: &mut Option<Weights>, of: impl Fn(usize) -> bool, factor: f64)
     }
 }
 
-/// The options of a launch file with those of a law written into them.
+/// The controller options of a launch file, with the options of a law written into them.
 fn with_options(controller: &ControllerConfig, options: &LawOptions) -> ControllerConfig {
     let mut controller = controller.clone();
     match options {
@@ -162,21 +163,21 @@ fn with_options(controller: &ControllerConfig, options: &LawOptions) -> Controll
     controller
 }
 
-/// What weights are chosen for and on.
+/// The problem for which weights are chosen.
 pub(super) struct Wanted<'a> {
-    /// The bench.
+    /// Configuration of the bench.
     pub config: &'a NodeConfig,
-    /// The vehicle that the law is designed for, and where its file is.
+    /// The vehicle for which the law is designed, and the folder of its file.
     pub model: (&'a Vehicle, &'a str),
-    /// The flights.
+    /// The flights of the laws.
     pub trials: &'a Trials<'a>,
-    /// First draw that is not judged on.
+    /// First draw that is not used for the judgement.
     pub first_draw: u64,
-    /// Peak of the sensitivity that may not be passed.
+    /// Largest permitted peak of the sensitivity.
     pub sensitivity_limit: f64,
 }
 
-/// The search, with what it counts.
+/// The search, with its counters.
 struct Search<'a> {
     wanted: &'a Wanted<'a>,
     knobs: &'a Knobs,
@@ -194,7 +195,8 @@ struct Counts {
 }
 
 impl Search<'_> {
-    /// The law of these weights, and the peak of its sensitivity with its filter; `None` where none comes of them.
+    /// The law with these weights, and the peak of the sensitivity with its filter; `None` where the weights give
+    /// no law.
     fn pilot(&self, by: &[f64]) -> Option<(Pilot, f64)> {
         let controller = with_options(self.controller, &self.knobs.turned(by));
         let pilot = Pilot::new(self.wanted.config, self.wanted.model, controller).ok()?;
@@ -204,14 +206,14 @@ impl Search<'_> {
                 known.multivariable_margins.max_sensitivity
             }
             (Some(LoopFigures::Known(_)), _) => return None,
-            // A filter that settles too slowly to be told: the margins of the law alone.
+            // A filter that settles too slowly gives no margins; the margins of the law alone are used.
             (_, Some(design)) => design.multivariable_margins.max_sensitivity,
             (_, None) => return None,
         };
         Some((pilot, peak))
     }
 
-    /// What the weights count on the draws of the choice.
+    /// The objective of these weights on the draws of the choice.
     fn count(&self, by: &[f64]) -> Result<f64, Failure> {
         let beyond = by.iter().map(|v| (v.abs() - FARTHEST).max(0.0)).sum::<f64>();
         let Some((pilot, peak)) = self.pilot(by) else {
@@ -233,7 +235,8 @@ impl Search<'_> {
     }
 }
 
-/// What a flight counts: its worst figure in parts of the limit, or its cost where nothing is expected.
+/// The objective of a flight: its greatest figure as a multiple of the limit, or its cost without
+/// expectations.
 fn counted(judged: &Judged) -> f64 {
     if judged.lost { LOST } else { judged.of_limit.unwrap_or(judged.cost) }
 }
@@ -242,7 +245,8 @@ impl CostFunction for &Search<'_> {
     type Param = Vec<f64>;
     type Output = f64;
 
-    /// The solver panics on an error in its first corners, so what fails is kept for later, and nothing more is flown.
+    /// The solver panics on an error at the vertices of its first simplex. An error is therefore kept for later,
+    /// and nothing more is flown.
     fn cost(&self, by: &Vec<f64>) -> Result<f64, Error> {
         if self.counts.failure.borrow().is_some() {
             return Ok(2.0 * NOT_FLOWN);
@@ -254,11 +258,12 @@ impl CostFunction for &Search<'_> {
     }
 }
 
-/// Chooses weights for the law of `pilot` by the simplex of Nelder and Mead (1965); the law with them, and what was chosen. The
-/// law stays what it was where no other weights count less. `None` when a signal ended it.
+/// Chooses weights for the law of `pilot` by the simplex method of Nelder and Mead (1965). Returns the law with
+/// these weights and a description of the choice. The law is unchanged where no other weights have a smaller
+/// objective. `None` when a signal ended it.
 ///
 /// # Errors
-/// For a law without weights, and when a flight fails otherwise than by losing the vehicle.
+/// For a law without weights, and when a flight fails for another reason than the loss of the vehicle.
 pub(super) fn retune(pilot: Pilot, wanted: &Wanted<'_>) -> Result<Option<(Pilot, Retuned)>, Failure> {
     let knobs = Knobs::new(&pilot)?;
     let linear = LinearModel::new(wanted.model.0).map_err(Failure::mend)?;

@@ -1,4 +1,4 @@
-//! A tuning as a screen and as a page.
+//! A tuning as text for the terminal and as a page.
 
 use whirlstand_campaign::Proportion;
 use whirlstand_control::design::LoopFigures;
@@ -14,10 +14,10 @@ use super::trials::Motion;
 use crate::error::Failure;
 use crate::style;
 
-/// Frequencies of the sensitivity.
+/// Number of frequencies at which the sensitivity is shown.
 const FREQUENCIES: usize = 240;
 
-/// Lines of the table: what, before, after.
+/// Lines of the table: figure, before, after.
 fn lines(t: &Tuning) -> Vec<LawLine> {
     let mut lines = Vec::new();
     let mut add = |what: &str, before: String, after: String| {
@@ -62,7 +62,7 @@ fn lines(t: &Tuning) -> Vec<LawLine> {
     lines
 }
 
-/// What is told on the terminal.
+/// The text for the terminal.
 pub(super) fn screen(t: &Tuning) -> String {
     let mut text = format!("{}  {}\n", style::strong("diagnosis"), t.diagnosis);
     for cause in &t.causes {
@@ -91,7 +91,7 @@ pub(super) fn screen(t: &Tuning) -> String {
     text
 }
 
-/// Which weights were chosen, on what.
+/// Text on the chosen weights and the draws that they were chosen on.
 fn retuned_text(t: &Tuning) -> String {
     let Some(r) = &t.retuned else { return String::new() };
     let factors = r.factors.iter().map(|(name, factor)| format!("{name} x {}", number(*factor)));
@@ -111,7 +111,7 @@ fn retuned_text(t: &Tuning) -> String {
     )
 }
 
-/// What the laws are worth on the truth.
+/// Text on the results of the laws on the true vehicle.
 fn truth_text(t: &Tuning) -> String {
     let Some(truth) = &t.truth else { return String::new() };
     let cost = |f: &LawFigures| f.cost.map_or("lost".into(), |c| number(c.median));
@@ -141,7 +141,7 @@ fn verdict(t: &Tuning) -> String {
     format!("{kept}: {}{}.", t.gain.why, if t.gain.certain { ratio.as_str() } else { "" })
 }
 
-/// The page; `top` is the highest frequency that the loop knows, rad/s.
+/// The page; `top` is the highest frequency of the sampled loop, rad/s.
 pub(super) fn page(
     t: &Tuning,
     vehicle: &Vehicle,
@@ -185,7 +185,7 @@ fn law_name(t: &Tuning) -> String {
     if before == after { after } else { format!("{before} and {after}") }
 }
 
-/// Time, and where 5 %, half and 95 % of the draws lie.
+/// Time, and the quantiles 5 %, 50 % and 95 % of the draws.
 fn fan(motions: &[Motion], state: usize, states: usize) -> [Vec<f64>; 4] {
     let points = motions.iter().map(|m| m.states.len() / states).max().unwrap_or(0);
     let spacing_s = motions.first().map_or(0.0, |m| m.spacing_s);

@@ -1,4 +1,4 @@
-//! Laws flown on draws of the vehicle, as campaigns fly.
+//! Flights of laws on draws of the vehicle, flown as in a campaign.
 
 use whirlstand_control::SampledPlant;
 use whirlstand_evaluate::{Expectation, Flight};
@@ -13,32 +13,32 @@ use super::pilot::Pilot;
 use crate::campaign::{side_by_side, without_log};
 use crate::error::Failure;
 
-/// Most points in time of a motion that is kept.
+/// Most points in time of a motion that are kept.
 const POINTS: usize = 400;
 
 /// States of a flight at some of its steps.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Motion {
-    /// The states, points x states, until one left the model.
+    /// The states, points x states, until a state left the model.
     pub states: Vec<f64>,
-    /// From point to point, s.
+    /// Time between two points, s.
     pub spacing_s: f64,
 }
 
-/// What a flight comes to.
+/// Result of a flight.
 pub(super) struct Trial {
-    /// How it is judged.
+    /// Judgement of the flight.
     pub judged: Judged,
-    /// What is shown of it.
+    /// Motion that is shown.
     pub motion: Motion,
 }
 
-/// What all flights of a tuning share.
+/// Data that all flights of a tuning share.
 pub(super) struct Trials<'a> {
     pub draws: &'a Draws<'a>,
     /// Signals of the vehicle that flies.
     pub vehicle: &'a Vehicle,
-    /// The measure of the cost: the vehicle's own sizes, whatever a law was designed for.
+    /// Vehicle whose signal sizes define the cost, whichever vehicle a law was designed for.
     pub plant: &'a SampledPlant,
     /// Limits that a flight in one thread can meet or miss.
     pub limits: &'a [Expectation],
@@ -48,18 +48,18 @@ pub(super) struct Trials<'a> {
 pub(super) type Flown = Vec<Vec<Trial>>;
 
 impl Trials<'_> {
-    /// Flies every law on every draw of `numbers`, on all processors. `progress` is told the share that is done. `None` when a
-    /// signal ended it.
+    /// Flies every law on every draw of `numbers`, on all processors. `progress` receives the share that is done.
+    /// `None` when a signal ended it.
     ///
     /// # Errors
-    /// When a flight fails otherwise than by losing the vehicle.
+    /// When a flight fails for another reason than the loss of the vehicle.
     pub fn fly(
         &self,
         laws: &[&Pilot],
         numbers: std::ops::Range<u64>,
         progress: &dyn Fn(f64),
     ) -> Result<Option<Flown>, Failure> {
-        // Law and filter follow from the model, whatever vehicle is drawn.
+        // Law and filter depend on the model only, whichever vehicle is drawn.
         let design = |law: &&Pilot| flight::Pilot::new(&self.draws.bench(numbers.start, law));
         let designed = laws.iter().map(design).collect::<Result<Vec<_>, _>>().map_err(Failure::run)?;
         let count = laws.len() as u64;
@@ -102,7 +102,7 @@ impl Trials<'_> {
 
     fn motion(&self, flight: &Flight, period_s: f64) -> Motion {
         let states = self.vehicle.states.len();
-        // The same spacing for all, whenever one is lost.
+        // The spacing is the same for all flights, also where the vehicle is lost.
         let stride = (self.draws.steps() / POINTS).max(1);
         let rows = flight.states.chunks(states).step_by(stride);
         Motion { states: rows.flatten().copied().collect(), spacing_s: stride as f64 * period_s }

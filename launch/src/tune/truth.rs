@@ -1,4 +1,4 @@
-//! What a tuning is worth where the truth is known: the old law, the new one, and one that is designed on the truth fly it.
+//! Results of a tuning on a known true vehicle: the old law, the new law, and one designed on the truth fly it.
 
 use serde::Serialize;
 use whirlstand_nodes::config::LawKind;
@@ -15,10 +15,11 @@ use crate::error::Failure;
 use crate::file::Plan;
 use whirlstand_vehicle::Vehicle;
 
-/// Seeds of the truth begin so far behind those of the draws: no flight has noise that a law was chosen on.
+/// Offset of the truth's seeds from those of the draws, so that no flight has noise on which a law was
+/// chosen.
 const FRESH: u64 = 1 << 32;
 
-/// Flights of the three laws on the truth.
+/// Flights of the three laws on the true vehicle.
 pub(super) struct Flights {
     vehicle: Vehicle,
     old: Vec<Judged>,
@@ -26,32 +27,32 @@ pub(super) struct Flights {
     designed: Vec<Judged>,
 }
 
-/// What the laws are worth on the truth.
+/// Results of the laws on the true vehicle.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct OnTruth {
-    /// The old law.
+    /// Figures of the old law.
     pub before: LawFigures,
-    /// The law of `tuned.toml`: the old one where that was kept.
+    /// Figures of the law in `tuned.toml`: the old one where that was kept.
     pub after: LawFigures,
-    /// The new law, kept or not.
+    /// Figures of the new law, kept or not.
     pub new: LawFigures,
-    /// A law of the same kind and options as the new one, designed on the truth.
+    /// Figures of a law of the same kind and options as the new one, designed on the truth.
     pub designed: LawFigures,
-    /// The law of `tuned.toml` against the old one.
+    /// Comparison of the law in `tuned.toml` with the old one.
     pub gain: Gain,
-    /// The new law against the old one.
+    /// Comparison of the new law with the old one.
     pub gain_of_new: Gain,
-    /// The law that was designed on the truth against the old one: what there was to gain.
+    /// Comparison of the law designed on the truth with the old one: the attainable gain.
     pub gain_of_designed: Gain,
     /// (before - after) / (before - designed), of the median costs; absent where either loses the vehicle on most flights or
     /// the costs are the same.
     pub share: Option<f64>,
-    /// The same of the new law.
+    /// The same share for the new law.
     pub share_of_new: Option<f64>,
 }
 
-/// Flies `laws`, the old and the new one, and one that is designed on the vehicle in `path` on that vehicle; `None` when a
-/// signal ended it.
+/// Flies three laws on the vehicle in `path`: the old one and the new one, `laws`, and one that is designed on
+/// that vehicle. `None` when a signal ended it.
 ///
 /// # Errors
 /// When the vehicle cannot be read, has other signals, or no law can be designed for it.
@@ -86,7 +87,7 @@ pub(super) fn fly(
 }
 
 impl Flights {
-    /// The figures, where the new law was `kept` or not.
+    /// The figures of the flights, where the new law was `kept` or not.
     pub fn judged(self, kept: bool) -> OnTruth {
         let Self { vehicle, old, new, designed } = self;
         let figures = |judged: &[Judged]| LawFigures::of(judged, &vehicle);

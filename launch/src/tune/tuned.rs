@@ -1,4 +1,4 @@
-//! The launch files that a tuning leaves.
+//! The launch files that a tuning writes.
 
 use std::path::Path;
 
@@ -16,19 +16,19 @@ pub(super) const MODEL: &str = "vehicle.toml";
 /// Name of the vehicle file of the worst draw.
 pub(super) const WORST_VEHICLE: &str = "worst-vehicle.toml";
 
-/// What a tuning chose.
+/// The law that a tuning chose.
 pub(super) struct Choice<'a> {
-    /// The extended vehicle differs from the one before.
+    /// Whether the extended vehicle differs from the one before.
     pub has_model: bool,
     /// The new law with its options.
     pub controller: &'a ControllerConfig,
-    /// The options were chosen anew, so that they have to be written.
+    /// Whether the options were chosen anew, so that they have to be written.
     pub is_retuned: bool,
-    /// Whether it is kept.
+    /// Comparison of the laws, including whether the new one is kept.
     pub gain: &'a Gain,
 }
 
-/// The launch file as it was, with the new law where it is kept, and with paths that hold from any folder.
+/// The original launch file, with the new law where it is kept, and with absolute paths.
 pub(super) fn launch_file(found: &FoundFile, choice: &Choice<'_>) -> Result<String, Failure> {
     let table = chosen(found, choice)?;
     let head = if choice.gain.certain { "the new law is kept" } else { "the old law is kept" };
@@ -36,7 +36,7 @@ pub(super) fn launch_file(found: &FoundFile, choice: &Choice<'_>) -> Result<Stri
     Ok(format!("# Written by whirlstand tune; {head}: {}.\n{text}", choice.gain.why))
 }
 
-/// The launch file of one draw under the law that is kept: its vehicle, its seed, the disturbances.
+/// The launch file of one draw under the kept law, with its vehicle, its seed and the disturbances.
 pub(super) fn draw_file(
     found: &FoundFile,
     choice: &Choice<'_>,
@@ -86,7 +86,7 @@ fn chosen(found: &FoundFile, choice: &Choice<'_>) -> Result<Table, Failure> {
     Ok(table)
 }
 
-/// Makes a path that is relative to the old launch file hold from the new one.
+/// Rewrites a path relative to the old launch file so that it is valid from the new one.
 fn anchor(table: &mut Table, keys: &[&str], folder: &Path) {
     let [rest @ .., last] = keys else { return };
     let mut table = table;

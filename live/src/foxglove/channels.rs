@@ -1,4 +1,4 @@
-//! The topics that are offered, and what goes out on each.
+//! The Foxglove channels of a bench, and the messages sent on each.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -11,14 +11,14 @@ use whirlstand_vehicle::Vehicle;
 
 use crate::scene::SwitchedEffect;
 
-/// The topics of one bench, until dropped.
+/// The channels of one bench, open until dropped.
 pub(super) struct Channels {
     raw: HashMap<&'static str, Arc<RawChannel>>,
     panels: Panels,
     transforms: Channel<FrameTransforms>,
     scene: Channel<SceneUpdate>,
     events: Channel<Log>,
-    /// Latest bench time, ns: where messages that carry the wall clock's are put.
+    /// Latest bench time, ns, which is used for messages that carry wall-clock time.
     bench_ns: u64,
     scratch: Vec<u8>,
 }
@@ -43,14 +43,14 @@ impl Channels {
         })
     }
 
-    /// Hands on a message and what it tells to panels, with bench time on all channels.
+    /// Sends a message, and the panel messages derived from it, with bench time on all channels.
     pub fn hear(&mut self, message: &BenchMessage) {
         if let Some(stamp) = message.bench_ns() {
             let leads = matches!(message, BenchMessage::Imu(_));
             if leads && stamp < self.bench_ns && message.head().step == 0 {
                 self.panels.begin_run();
             }
-            // A new run of the plant begins at zero again.
+            // In a new run of the plant, bench time begins at zero again.
             self.bench_ns = if leads { stamp } else { self.bench_ns.max(stamp) };
         }
         let (topic, image) = message.raw();

@@ -1,4 +1,4 @@
-//! What clients publish: the controls of the live page, as JSON on a topic that only those know whom the terminal told.
+//! Controls from clients: those of the live page, as JSON on a topic whose name only the terminal shows.
 
 use std::sync::Arc;
 
@@ -12,12 +12,12 @@ type Act = Arc<dyn Fn(&Control) -> Answer + Send + Sync>;
 /// Longest control, bytes.
 const LONGEST: usize = 4096;
 
-/// Does what clients ask for.
+/// Carries out the clients' controls.
 pub(super) struct Clients {
     topic: String,
     runtime: Handle,
     act: Act,
-    /// One control after the other.
+    /// Lets one control be carried out at a time.
     turn: Arc<tokio::sync::Mutex<()>>,
 }
 

@@ -1,8 +1,8 @@
-//! A bench for Foxglove and Lichtblick: its topics over Foxglove's WebSocket protocol, with what their panels understand by
-//! themselves: the vehicle's pose and shape, and events as log lines.
+//! A bench for Foxglove and Lichtblick: its topics over Foxglove's WebSocket protocol, with messages that their
+//! panels show without configuration: the vehicle's pose and shape, and events as log lines.
 //!
-//! The protocol and its types are those of Foxglove's own SDK. Each client has a queue that loses its oldest message when it is
-//! full, so one that does not read holds up nobody.
+//! The protocol and its types are those of Foxglove's own SDK. Each client has a queue that drops its oldest
+//! message when it is full, so a client that does not read blocks nothing.
 
 mod channels;
 mod clients;
@@ -20,10 +20,10 @@ use crate::server::{Answer, Control, ServerError};
 use channels::Channels;
 use clients::Clients;
 
-/// The port that is tried first where none is given: that which Foxglove proposes.
+/// The port that is tried first where none is given: Foxglove's default.
 pub const FOXGLOVE_PORT: u16 = 8765;
 
-/// Messages that a client may be behind: all topics of a bench at 1 kHz for two seconds.
+/// Queue length of a client: all topics of a bench at 1 kHz for two seconds.
 const BEHIND: usize = 16384;
 
 /// A running server, until dropped.
@@ -36,12 +36,12 @@ pub struct Foxglove {
     channels: Arc<Mutex<Option<Channels>>>,
 }
 
-/// What a bench says goes here.
+/// A feed that sends a bench's messages to Foxglove clients.
 #[derive(Clone)]
 pub struct FoxgloveFeed(Arc<Mutex<Option<Channels>>>);
 
 impl Foxglove {
-    /// Serves a bench; `act` does what clients ask for, on a thread where it may wait.
+    /// Serves a bench. `act` carries out the clients' controls, on a thread where it may block.
     ///
     /// # Errors
     /// [`ServerError`].
@@ -56,8 +56,8 @@ impl Foxglove {
             .enable_all()
             .build()
             .map_err(ServerError::Start)?;
-        // The protocol knows no password, and any page that a browser shows can reach a port of this machine: a topic that
-        // nobody can guess says who may steer.
+        // The protocol has no password, and any page in a browser can reach a port of this machine. Therefore the
+        // control topic has a name that cannot be guessed.
         let control_topic = format!("/control/{}", crate::address::secret());
         let context = Context::new();
         let clients = Arc::new(Clients::new(control_topic.clone(), runtime.handle().clone(), act));
@@ -87,24 +87,25 @@ impl Foxglove {
         Ok(Self { context, handle: Some(handle), runtime: Some(runtime), url, control_topic, channels })
     }
 
-    /// Where a client connects to.
+    /// The URL to which a client connects.
     pub fn url(&self) -> &str {
         &self.url
     }
 
-    /// The topic on which it publishes controls.
+    /// The topic on which a client publishes controls.
     pub fn control_topic(&self) -> &str {
         &self.control_topic
     }
 
-    /// A bench begins: its topics are offered in the place of those before.
+    /// Begins a bench: its topics replace those of the bench before.
     ///
     /// # Errors
     /// [`ServerError::Start`] when the SDK refuses a topic.
     pub fn begin(&self, vehicle: &Vehicle, period_ns: u64) -> Result<FoxgloveFeed, ServerError> {
         let refused = |e: FoxgloveError| ServerError::Start(std::io::Error::other(e));
         let mut place = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
-        // Those of the bench before go first, as two of one name would stay beside each other.
+        // The topics of the previous bench are removed first, because two of one name would exist side by
+        // side.
         place.take();
         let channels =
             Channels::open(&self.context, &bench_info(vehicle, period_ns), vehicle).map_err(refused)?;
@@ -117,7 +118,7 @@ impl Foxglove {
 }
 
 impl FoxgloveFeed {
-    /// Hands on a message.
+    /// Sends a message to the clients.
     pub(crate) fn hear(&self, message: &BenchMessage) {
         let mut place = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(channels) = place.as_mut() {
@@ -131,12 +132,12 @@ impl Drop for Foxglove {
         self.channels.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let (Some(handle), Some(runtime)) = (self.handle.take(), self.runtime.take()) {
             let stopped = handle.stop();
-            // Whoever still asks for something is not waited for.
+            // Requests that are still open are not waited for.
             let _ = runtime.block_on(async { tokio::time::timeout(FAREWELL, stopped.wait()).await });
             runtime.shutdown_background();
         }
     }
 }
 
-/// How long clients have to be told of the end.
+/// Time in which clients are told of the end.
 const FAREWELL: std::time::Duration = std::time::Duration::from_millis(500);

@@ -1,13 +1,13 @@
-//! What the terminal shows, from the frames that came.
+//! The data that the terminal shows, from the received frames.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use serde_json::Value;
 
-/// Values of a signal that are kept for its line, one a frame.
+/// Values of a signal that are kept for its line, one per frame.
 const KEPT: usize = 400;
 
-/// Events that are kept.
+/// Number of events that are kept.
 const EVENTS: usize = 50;
 
 /// A signal that is shown in a row.
@@ -23,13 +23,13 @@ pub(super) struct Shown {
 pub(super) struct ShownNode {
     pub name: String,
     pub state: String,
-    /// Steps, deadline misses, lost, rejected, restarts.
+    /// Counts: steps, deadline misses, lost, rejected, restarts.
     pub counts: [u64; 5],
     pub p99_us: Option<f64>,
     pub cpu_percent: Option<f64>,
 }
 
-/// All that is shown.
+/// All data that are shown.
 #[derive(Debug, Default)]
 pub(super) struct Board {
     pub title: String,
@@ -38,7 +38,7 @@ pub(super) struct Board {
     pub outputs: Vec<Shown>,
     pub inputs: Vec<Shown>,
     pub nodes: Vec<ShownNode>,
-    /// Bench time and text, the newest first.
+    /// Events: bench time and text, the newest first.
     pub events: VecDeque<(f64, String)>,
     pub over: Option<String>,
     columns: Vec<String>,

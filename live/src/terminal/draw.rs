@@ -1,4 +1,4 @@
-//! The picture of a board.
+//! Draws a board in the terminal.
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -12,7 +12,7 @@ use super::board::{Board, Shown};
 /// Characters of a line, from low to high.
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
-/// Columns of a table of signals before the line.
+/// Width of a table of signals before the line, in columns of characters.
 const BEFORE_LINE: u16 = 74;
 
 /// Draws a board.
@@ -39,7 +39,8 @@ pub(super) fn draw(frame: &mut Frame<'_>, board: &Board) {
     frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()).block(events_block), events);
 }
 
-/// Heads of a table of signals, with the columns that they show; the first with one is drawn as a line.
+/// Heads of a table of signals, with the columns that they show; the first one with a column is drawn as a
+/// line.
 type Heads = [(&'static str, &'static str); 4];
 
 const OUTPUT: Heads = [("measured", "y"), ("estimated", "e"), ("simulated", "s"), ("setpoint", "w")];
@@ -66,7 +67,7 @@ fn signals<'b>(board: &'b Board, title: &'b str, list: &'b [Shown], heads: &Head
         .block(Block::bordered().title(title))
 }
 
-/// Values as a line of characters, between limits or between the least and the greatest.
+/// Values as a line of characters, scaled between the limits or between the least and the greatest value.
 fn bars(values: &[f64], limits: Option<(f64, f64)>) -> String {
     let ends = |(low, high): (f64, f64), v: &f64| (low.min(*v), high.max(*v));
     let (low, high) = limits.unwrap_or_else(|| values.iter().fold((f64::MAX, f64::MIN), ends));

@@ -14,10 +14,10 @@ use tokio::sync::broadcast::error::TryRecvError;
 use crate::hub::{Hub, Sent};
 use board::Board;
 
-/// Time between two pictures.
+/// Time between two redraws.
 const PICTURE: Duration = Duration::from_millis(100);
 
-/// A terminal that shows the frames of a hub; dropped, it is as it was before.
+/// A terminal that shows the frames of a hub. When this is dropped, the terminal is restored.
 pub struct Terminal {
     terminal: DefaultTerminal,
     frames: Receiver<Sent>,
@@ -29,7 +29,7 @@ impl Terminal {
     /// Takes over the terminal.
     ///
     /// # Errors
-    /// There is none.
+    /// When there is no terminal.
     pub fn open(hub: &Hub) -> io::Result<Self> {
         if !io::IsTerminal::is_terminal(&io::stdout()) {
             return Err(io::Error::other("standard output is not a terminal"));
@@ -40,10 +40,10 @@ impl Terminal {
         Ok(Self { terminal: ratatui::try_init()?, frames, board, due: Instant::now() })
     }
 
-    /// Shows what came, and waits for a key until a time; whether the user wants to leave.
+    /// Shows the received frames, and waits for a key until a time. Returns whether the user wants to leave.
     ///
     /// # Errors
-    /// The terminal is gone.
+    /// When the terminal is gone.
     pub fn turn(&mut self, until: Instant) -> io::Result<bool> {
         loop {
             match self.frames.try_recv() {

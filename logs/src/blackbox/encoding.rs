@@ -1,33 +1,33 @@
-//! How a frame stores its numbers: bytes with a continuation bit, and groups behind a byte of tags.
+//! Encodings of numbers in a frame: bytes with a continuation bit, and groups after a byte of tags.
 //!
 //! After Betaflight's developer documentation, "Blackbox Internals".
 
 /// Most numbers in one group.
 pub(super) const LONGEST_GROUP: usize = 8;
 
-/// Bytes of a number with a continuation bit in each.
+/// Most bytes of a number with a continuation bit in each byte.
 const LONGEST_NUMBER: u32 = 5;
 
-/// How numbers are stored.
+/// Encoding of a field or of a group of fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
-    /// One signed number.
+    /// One signed number with continuation bits.
     Signed,
-    /// One number.
+    /// One unsigned number with continuation bits.
     Unsigned,
-    /// One number of 14 bits with its sign turned.
+    /// One number of 14 bits with its sign inverted.
     Negative14,
-    /// Up to eight signed numbers, those that are 0 left out.
+    /// Up to eight signed numbers, of which zeros are left out.
     Tagged8,
     /// Three numbers of 2 to 32 bits.
     Tagged3,
     /// Four numbers of 0 to 16 bits.
     Tagged4,
-    /// Nothing: the number is 0.
+    /// No bytes: the number is 0.
     Nothing,
 }
 
-/// The content is none that a logger writes, or ends too early.
+/// Error: the content is not one that a logger writes, or ends too early.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Broken;
 
@@ -46,7 +46,8 @@ impl Encoding {
         })
     }
 
-    /// How many numbers a group has that begins where `alike` fields in a row have this encoding, of `left` fields.
+    /// Number of fields in a group that begins with `alike` consecutive fields of this encoding, of which `left`
+    /// fields remain.
     pub fn group(self, alike: usize, left: usize) -> usize {
         match self {
             Self::Tagged8 => alike.min(LONGEST_GROUP),
@@ -61,7 +62,7 @@ impl Encoding {
 #[derive(Debug, Clone)]
 pub(super) struct Bytes<'a> {
     data: &'a [u8],
-    /// Place of the next byte.
+    /// Position of the next byte.
     pub at: usize,
 }
 
@@ -76,14 +77,14 @@ impl<'a> Bytes<'a> {
         Ok(byte)
     }
 
-    /// Passes over a text.
+    /// Skips a text, which must match.
     pub fn text(&mut self, text: &[u8]) -> Result<(), Broken> {
         let found = self.data.get(self.at..).is_some_and(|rest| rest.starts_with(text));
         self.at += text.len();
         if found { Ok(()) } else { Err(Broken) }
     }
 
-    /// A number of which every byte holds seven bits, the lowest first.
+    /// A number whose bytes hold seven bits each, the lowest first.
     pub fn unsigned(&mut self) -> Result<u32, Broken> {
         let mut number = 0;
         for n in 0..LONGEST_NUMBER {
@@ -102,14 +103,14 @@ impl<'a> Bytes<'a> {
         Ok((number >> 1) as i32 ^ -((number & 1) as i32))
     }
 
-    /// A group of `count` numbers, the first of the result.
+    /// A group of `count` numbers, in the first elements of the result.
     pub fn group(&mut self, encoding: Encoding, count: usize) -> Result<[i32; LONGEST_GROUP], Broken> {
         let mut group = [0; LONGEST_GROUP];
         match encoding {
             Encoding::Signed => group[0] = self.signed()?,
             Encoding::Unsigned => group[0] = self.unsigned()? as i32,
             Encoding::Negative14 => group[0] = -extend(self.unsigned()?, 14),
-            // A group of one has no tags.
+            // A group of one number has no tags.
             Encoding::Tagged8 if count == 1 => group[0] = self.signed()?,
             Encoding::Tagged8 => {
                 let tags = self.byte()?;
@@ -126,7 +127,7 @@ impl<'a> Bytes<'a> {
         Ok(group)
     }
 
-    /// Three numbers; the two highest bits say how wide they are.
+    /// Three numbers; the two highest bits of the first byte give their width.
     fn three(&mut self, group: &mut [i32]) -> Result<(), Broken> {
         let first = self.byte()?;
         let field = |byte: u8, shift: u8, bits: u32| extend(u32::from(byte >> shift), bits);

@@ -1,8 +1,8 @@
-//! The frames of a log one after the other, and the places where there are none.
+//! The sequence of frames in a log, and the byte ranges that contain none.
 //!
-//! Most frames store only the difference to the frames before them, and there is no check sum: a frame counts only if
-//! another letter of a frame follows where it ends and its time goes on from the one before. After a damaged one, frames
-//! of differences mean nothing until the next frame that stands for itself.
+//! Most frames store only the difference from the frames before them, and there is no checksum. A frame counts
+//! only if the letter of another frame follows its end and its time continues that of the frame before. After a
+//! damaged frame, difference frames have no meaning until the next self-contained frame.
 
 use super::encoding::{Broken, Bytes};
 use super::header::{Frame, Header, Predictor, Storage};
@@ -10,30 +10,30 @@ use super::header::{Frame, Header, Predictor, Storage};
 /// Letters with which frames begin.
 const LETTERS: &[u8] = b"IPSGHE";
 
-/// The longest step from a frame to the next that is believed, us: the same as in Betaflight's own tools.
+/// Longest accepted time step from one frame to the next, us: the same as in Betaflight's own tools.
 const LONGEST_STEP: u32 = 10_000_000;
 
-/// What the frames tell.
+/// Kind of a frame's data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// What is logged with every iteration.
+    /// Data logged at every iteration.
     Main,
-    /// What seldom changes.
+    /// Data that change rarely.
     Slow,
-    /// The satellite receiver.
+    /// Data of the satellite receiver.
     Gps,
 }
 
-/// How a log was read.
+/// Result of reading a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Reading {
-    /// It has the mark of its end.
+    /// Whether the log has its end mark.
     pub ended: bool,
-    /// Stretches of bytes that are no frames, but for one at the end.
+    /// Number of byte ranges that contain no frame, except for one at the end.
     pub places: u64,
-    /// How many bytes they are.
+    /// Number of bytes in these ranges.
     pub bytes: u64,
-    /// Where the first is, from the beginning of the log.
+    /// Offset of the first of them from the beginning of the log.
     pub first: usize,
 }
 
@@ -41,27 +41,27 @@ pub(super) struct Reading {
 struct Frames<'a> {
     header: &'a Header,
     data: &'a [u8],
-    /// The two main frames before, the last first. Empty after damage.
+    /// The two preceding main frames, the last one first; `None` after damage.
     before: Option<[Vec<i64>; 2]>,
     /// Time of the last main frame, us.
     time: Option<u64>,
-    /// A time that did not fit, as it was stored: of a main frame, or of the logger's return.
+    /// A stored time that did not fit: of a main frame, or of an event that resumes logging.
     unconfirmed: Option<u32>,
-    /// The place of arming.
+    /// Home position, where the vehicle was armed.
     home: Vec<i64>,
 }
 
-/// What a frame was.
+/// Result of reading a frame.
 enum Found {
-    /// Numbers at a time in us.
+    /// A row of numbers at a time in us.
     Row(Kind, u64, Vec<i64>),
-    /// Nothing to tell.
+    /// No data.
     Nothing,
-    /// The mark of the end.
+    /// The end mark.
     End,
 }
 
-/// Reads all frames behind the header. `visit` gets the kind, the time in us and the numbers of each.
+/// Reads all frames after the header. `visit` receives the kind, the time in us and the numbers of each.
 pub(super) fn read(header: &Header, data: &[u8], visit: &mut dyn FnMut(Kind, u64, &[i64])) -> Reading {
     let mut frames = Frames { header, data, before: None, time: None, unconfirmed: None, home: Vec::new() };
     let mut reading = Reading::default();
@@ -95,8 +95,8 @@ pub(super) fn read(header: &Header, data: &[u8], visit: &mut dyn FnMut(Kind, u64
 }
 
 impl Frames<'_> {
-    /// The frame at a place, and where it ends. Where frames are `lost`, only one that stands for itself, or the end, is
-    /// taken for one.
+    /// The frame at an offset, and the offset of its end. Where frames were `lost`, only a self-contained frame or
+    /// the end mark is accepted.
     fn frame(&mut self, at: usize, lost: bool) -> Result<(Found, usize), Broken> {
         let mut bytes = Bytes::new(self.data, at);
         let letter = bytes.byte()?;
@@ -119,13 +119,13 @@ impl Frames<'_> {
         Ok((self.taken(letter, row)?, bytes.at))
     }
 
-    /// Whether a frame or nothing follows.
+    /// Checks that another frame or the end of the data follows.
     fn is_followed(&self, bytes: &Bytes<'_>) -> Result<(), Broken> {
         let fits = self.data.get(bytes.at).is_none_or(|next| LETTERS.contains(next));
         if fits { Ok(()) } else { Err(Broken) }
     }
 
-    /// Takes the numbers of a frame.
+    /// Takes in the numbers of a frame.
     fn taken(&mut self, letter: u8, row: Vec<i64>) -> Result<Found, Broken> {
         Ok(match (letter, self.time) {
             (b'S', Some(time)) => Found::Row(Kind::Slow, time, row),
@@ -139,7 +139,7 @@ impl Frames<'_> {
                 let time = self.main_time(row[self.header.time] as u32, letter == b'I').ok_or(Broken)?;
                 self.time = Some(time);
                 self.unconfirmed = None;
-                // A frame that stands for itself is also the one before it to the next.
+                // A self-contained frame also counts as the frame before the last one for the next.
                 let last = match self.before.take() {
                     Some([last, _]) if letter == b'P' => last,
                     _ => row.clone(),
@@ -150,7 +150,7 @@ impl Frames<'_> {
         })
     }
 
-    /// Takes the numbers of a frame of the satellite receiver, after a main frame at `time` us.
+    /// Takes in the numbers of a frame of the satellite receiver, after a main frame at `time` us.
     fn satellites(&self, time: u64, row: Vec<i64>) -> Result<Found, Broken> {
         let frame = &self.header.gps;
         let needs_home = frame.whole.predictors.iter().any(|p| matches!(p, Predictor::Home(_)));
@@ -167,14 +167,15 @@ impl Frames<'_> {
         Ok(Found::Row(Kind::Gps, time + u64::from(since), row))
     }
 
-    /// The time of a main frame, counted on where its 32 bits begin anew; `None` if it cannot be.
+    /// Time of a main frame, extended where its 32 bits overflow; `None` if it is impossible.
     fn main_time(&mut self, stored: u32, whole: bool) -> Option<u64> {
         let Some(last) = self.time else { return Some(stored.into()) };
         let step = stored.wrapping_sub(last as u32);
         if step <= LONGEST_STEP {
             return Some(last + u64::from(step));
         }
-        // Two that fit each other outweigh the one before them, and the logger may have been off, or that one damaged.
+        // Two times that fit each other outweigh the one before them: logging may have been off, or that one was
+        // damaged.
         let confirmed = self.unconfirmed.is_some_and(|first| stored.wrapping_sub(first) <= LONGEST_STEP);
         if whole && confirmed {
             return Some(last.saturating_add_signed(i64::from(step as i32)));
@@ -192,11 +193,11 @@ impl Frames<'_> {
                 return Ok((Found::End, bytes.at));
             }
             _ if lost => return Err(Broken),
-            // A beep, disarming, a failure of the sensors.
+            // Events: a beep, disarming, a failure of the sensors.
             0 | 15 | 40 => {
                 bytes.unsigned()?;
             }
-            // A setting was changed in flight.
+            // Event: a setting was changed in flight.
             13 => {
                 if bytes.byte()? & 0x80 == 0 {
                     bytes.signed()?;
@@ -204,17 +205,17 @@ impl Frames<'_> {
                     (0..4).try_for_each(|_| bytes.byte().map(|_| ()))?;
                 }
             }
-            // The logger was off for a while: its iteration and time.
+            // Event: logging resumes after a pause, with iteration and time.
             14 => {
                 bytes.unsigned()?;
                 let stored = bytes.unsigned()?;
                 self.is_followed(&bytes)?;
-                // The frame that follows will fit it, or it is damaged.
+                // The next frame must fit this time, otherwise it is damaged.
                 self.unconfirmed = Some(stored);
                 self.before = None;
                 return Ok((Found::Nothing, bytes.at));
             }
-            // The flight mode, and the one before.
+            // Event: the flight mode and the one before.
             30 => {
                 bytes.unsigned()?;
                 bytes.unsigned()?;
@@ -225,7 +226,7 @@ impl Frames<'_> {
         Ok((Found::Nothing, bytes.at))
     }
 
-    /// The numbers of a frame, with the two of its kind before it.
+    /// Decodes the numbers of a frame, given the two preceding frames of its kind.
     fn values(
         &self,
         bytes: &mut Bytes<'_>,

@@ -1,34 +1,35 @@
-//! The header of a log: which fields its frames have, how they are stored, and the settings that the numbers refer to.
+//! The header of a log: the fields of its frames, how they are stored, and the settings needed to interpret the
+//! numbers.
 
 use std::collections::HashMap;
 
 use super::encoding::Encoding;
 
-/// More fields than any frame has; keeps a damaged header from asking for more.
+/// Most fields of a frame; a limit that keeps a damaged header from requesting more memory.
 const MOST_FIELDS: usize = 128;
 
 /// Longer than any line of a header, bytes.
 const LONGEST_LINE: usize = 8192;
 
-/// The version of the format that can be read: all since 2015 have it.
+/// Version of the format that can be read; all logs since 2015 have it.
 const VERSION: &str = "2";
 
-/// What a stored number is the difference to.
+/// Prediction from which a stored number is the difference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Predictor {
-    /// A number that is the same in all frames.
+    /// A constant.
     Constant(i64),
     /// The number in the frame before.
     Previous,
-    /// The two frames before go on in a straight line.
+    /// Linear extrapolation of the two frames before.
     StraightLine,
-    /// The mean of the two frames before.
+    /// Mean of the two frames before.
     Mean,
-    /// One more than in the frame before.
+    /// The number in the frame before, plus one.
     Increment,
-    /// A field of the same frame.
+    /// Another field of the same frame.
     Field(usize),
-    /// A coordinate of the place of arming.
+    /// A coordinate of the home position.
     Home(usize),
     /// Time of the last main frame.
     MainTime,
@@ -41,37 +42,37 @@ pub(super) struct Frame {
     pub names: Vec<String>,
     /// Whether they are signed.
     pub signed: Vec<bool>,
-    /// How they are stored in a frame that stands for itself.
+    /// Storage of the fields in a self-contained frame.
     pub whole: Storage,
-    /// How they are stored in a frame that builds on those before it.
+    /// Storage of the fields in a frame of differences.
     pub difference: Storage,
 }
 
 /// How the fields of a frame are stored.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Storage {
-    /// By field.
+    /// Predictor of each field.
     pub predictors: Vec<Predictor>,
-    /// Groups of fields in a row, with how many they are.
+    /// Groups of consecutive fields: encoding and number of fields.
     pub groups: Vec<(Encoding, usize)>,
 }
 
 /// The header of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Header {
-    /// Frames of every iteration that is logged.
+    /// Frames of every logged iteration.
     pub main: Frame,
-    /// Place of the time in them.
+    /// Index of the time field in the main frames.
     pub time: usize,
-    /// Frames of what seldom changes.
+    /// Frames of rarely changing data.
     pub slow: Frame,
     /// Frames of the satellite receiver.
     pub gps: Frame,
-    /// Frames with the place of arming.
+    /// Frames of the home position.
     pub home: Frame,
-    /// All lines by name.
+    /// All header lines by name.
     lines: HashMap<String, String>,
-    /// Where the frames begin.
+    /// Offset at which the frames begin.
     pub end: usize,
 }
 
@@ -103,7 +104,7 @@ impl Header {
         Ok(Self { time, slow: optional("S")?, gps: optional("G")?, home: optional("H")?, main, end, lines })
     }
 
-    /// A line of the header.
+    /// The text of a header line.
     pub fn line(&self, name: &str) -> Option<&str> {
         self.lines.get(name).map(String::as_str)
     }
@@ -114,7 +115,7 @@ impl Header {
     }
 }
 
-/// The lines `H name:value`, and where they end. A line that is damaged but still text is passed over.
+/// The lines `H name:value`, and the offset of their end. A damaged line that is still text is skipped.
 fn lines(data: &[u8]) -> (HashMap<String, String>, usize) {
     let mut lines = HashMap::new();
     let mut at = 0;
@@ -137,7 +138,7 @@ fn key(kind: &str, property: &str) -> String {
     format!("Field {kind} {property}")
 }
 
-/// The fields of the frames `whole`, and how they are stored there and in the frames `difference`.
+/// The fields of the frames `whole`, and their storage in these and in the frames `difference`.
 fn frame(lines: &HashMap<String, String>, whole: &str, difference: &str) -> Result<Frame, String> {
     let list = |kind: &str, property: &str| {
         let key = key(kind, property);
@@ -199,7 +200,7 @@ fn predictors(
             "6" => Predictor::Increment,
             "7" => {
                 homes += 1;
-                // Latitude and longitude take turns.
+                // Latitude and longitude alternate.
                 Predictor::Home((homes - 1) % 2)
             }
             "8" => Predictor::Constant(1500),

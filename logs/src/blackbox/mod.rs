@@ -1,12 +1,13 @@
-//! Blackbox logs of Betaflight, INAV and Cleanflight: signals `main.gyroADC[0]`, `slow.failsafePhase`, `gps.GPS_speed`.
+//! Blackbox logs of Betaflight, INAV and Cleanflight: signals `main.gyroADC[0]`, `slow.failsafePhase`,
+//! `gps.GPS_speed`.
 //!
-//! A file may hold several logs, one from every arming to disarming. The signals of the longest have these names; those
-//! of the others have the number of their log in them, counted from 1: `main.3.gyroADC[0]`. Units are stated where the
-//! format or the header tells them (`scale.rs`); all other fields are the firmware's own numbers. Time is that of the
-//! autopilot's clock.
+//! A file may hold several logs, one from every arming to disarming. The signals of the longest log have these
+//! names; those of the others contain the number of their log, counted from 1: `main.3.gyroADC[0]`. Units are
+//! stated where the format or the header defines them (`scale.rs`); all other fields are the firmware's own
+//! numbers. Time is that of the autopilot's clock.
 //!
-//! The decoder is an own one: of the public crates that could be used, one decodes the frames after every frame that
-//! stands for itself against the wrong ones, and both pass over damage without a word.
+//! The decoder is written for this program: of the usable public crates, one decodes the frames after every
+//! self-contained frame against the wrong ones, and both skip damage without reporting it.
 
 mod encoding;
 mod frames;
@@ -26,13 +27,13 @@ use crate::multi::{Collector, MultiError};
 use crate::record::Record;
 use crate::topics::{TopicSamples, Topics};
 
-/// Text with which a file begins.
+/// Text at the beginning of a file.
 pub const MAGIC: &[u8] = b"H Product:Blackbox flight data";
 
-/// Line with which every log in a file begins.
+/// First line of every log in a file.
 const MARK: &[u8] = b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n";
 
-/// Frames that hold signals.
+/// Kinds of frames that hold signals.
 const KINDS: [Kind; 3] = [Kind::Main, Kind::Slow, Kind::Gps];
 
 /// Why a blackbox log cannot be read.
@@ -46,7 +47,7 @@ pub enum BlackboxError {
         /// What the system says.
         source: io::Error,
     },
-    /// There is nothing that a reader could begin with.
+    /// The file does not begin like a blackbox log.
     #[error(
         "{path}: no line 'H Product:Blackbox flight data recorder...' at byte 0: this is not a blackbox log, or its beginning is missing. Copy the log from the flight controller again"
     )]
@@ -59,10 +60,10 @@ pub enum BlackboxError {
     Header {
         /// The file.
         path: PathBuf,
-        /// Each log with its place and what is wrong with it.
+        /// The logs with their offsets, and the error in each header.
         reasons: Vec<String>,
     },
-    /// Its signals do not make a record.
+    /// The signals cannot form a record.
     #[error(transparent)]
     Multi(#[from] MultiError),
 }
@@ -76,7 +77,7 @@ pub fn blackbox_topics(path: &Path) -> Result<Topics, BlackboxError> {
     Ok(Flights::new(path, &data)?.topics())
 }
 
-/// Reads the mapped signals of a blackbox log onto the clock of the fastest of them.
+/// Reads the mapped signals of a blackbox log and resamples them to the clock of the fastest one.
 ///
 /// # Errors
 /// [`BlackboxError`].
@@ -113,24 +114,24 @@ pub fn read_blackbox(path: &Path, mappings: &[Mapping]) -> Result<Record, Blackb
 /// The logs in a file.
 struct Flights<'a> {
     path: &'a Path,
-    /// How many there are.
+    /// Number of logs.
     count: usize,
-    /// Those whose headers can be read.
+    /// The logs whose headers can be read.
     readable: Vec<Flight>,
-    /// Index of the longest of them.
+    /// Index of the longest readable log.
     longest: usize,
-    /// What is wrong with the headers of the others.
+    /// Errors in the headers of the others.
     unreadable: Vec<String>,
 }
 
 /// A log in a file.
 struct Flight {
-    /// Counted from 1.
+    /// Number of the log, counted from 1.
     number: usize,
-    /// Where it is in the file.
+    /// Byte range of the log in the file.
     place: Range<usize>,
     header: Header,
-    /// Times of its frames, us, by kind.
+    /// Times of the frames, us, by kind.
     times: [Vec<u64>; KINDS.len()],
     reading: Reading,
 }
@@ -143,7 +144,7 @@ struct Signal {
 }
 
 impl Flight {
-    /// From the first main frame to the last, s.
+    /// Duration from the first main frame to the last, s.
     fn duration(&self) -> f64 {
         let main = &self.times[Kind::Main as usize];
         main.first().zip(main.last()).map_or(0.0, |(from, to)| (to - from) as f64 / 1e6)
@@ -180,7 +181,7 @@ impl<'a> Flights<'a> {
                 }
             }
         }
-        // Of two that are equally long the first.
+        // Of two equally long logs the first is taken.
         let longest = (0..readable.len())
             .rev()
             .max_by(|a, b| readable[*a].duration().total_cmp(&readable[*b].duration()));
@@ -205,7 +206,7 @@ impl<'a> Flights<'a> {
         let flight = &self.readable[index];
         let topic = self.topic(index, kind);
         let fields = flight.frame(kind).names.iter().enumerate();
-        // The counter of iterations is no signal, and the time is the time.
+        // The iteration counter is not a signal, and the time field is the time axis.
         let fields = fields.filter(|(_, name)| !matches!(name.as_str(), "time" | "loopIteration"));
         fields
             .map(|(field, name)| {
@@ -231,7 +232,7 @@ impl<'a> Flights<'a> {
         Topics { by_name, remarks: self.remarks() }
     }
 
-    /// What a reader should know.
+    /// Remarks for the user.
     fn remarks(&self) -> Vec<String> {
         let path = self.path.display();
         let mut remarks = Vec::new();
@@ -270,7 +271,7 @@ impl<'a> Flights<'a> {
     }
 }
 
-/// Where the logs in a file are.
+/// Byte ranges of the logs in a file.
 fn places(data: &[u8]) -> Vec<Range<usize>> {
     let starts: Vec<usize> = data
         .windows(MARK.len())

@@ -1,11 +1,11 @@
-//! What the numbers of a field mean: the unit, and the scale that leads to it.
+//! Units of the fields, and the scales that convert stored numbers to them.
 //!
-//! After Betaflight's `blackbox.c`. Fields that are not listed, such as motor outputs, stick commands and the terms of the
-//! controller, are the firmware's own numbers.
+//! After Betaflight's `blackbox.c`. Fields that are not listed, such as motor outputs, stick commands and the
+//! terms of the controller, are the firmware's own numbers.
 
 use super::header::Header;
 
-/// The oldest Betaflight whose battery fields are in hundredths of a volt and of an ampere.
+/// First major version of Betaflight whose battery fields are in hundredths of a volt and of an ampere.
 const MODERN: u32 = 4;
 
 /// Factor and unit of a field; no unit for the firmware's own numbers.
@@ -37,7 +37,7 @@ pub(super) fn scale(header: &Header, name: &str) -> (f64, Option<&'static str>) 
     }
 }
 
-/// The gyroscope's scale, which the header has as the bits of a 32-bit float.
+/// Scale and unit of the gyroscope. The header stores the scale as the bits of a 32-bit float.
 fn gyro(header: &Header) -> Option<(f64, &'static str)> {
     let text = header.line("gyro_scale").or(header.line("gyro.scale"))?.trim();
     let bits = match text.strip_prefix("0x") {
@@ -47,13 +47,13 @@ fn gyro(header: &Header) -> Option<(f64, &'static str)> {
     let scale = f64::from(f32::from_bits(bits));
     let known = scale.is_finite() && scale > 0.0;
     known.then(|| match header.line("Firmware type") {
-        // Radians per microsecond.
+        // The scale is in radians per microsecond.
         Some("Baseflight") => (scale * 1e6, "rad/s"),
         _ => (scale, "deg/s"),
     })
 }
 
-/// A Betaflight that states what its battery fields are.
+/// Whether the Betaflight version defines the units of its battery fields.
 fn is_modern(header: &Header) -> bool {
     let version = || {
         header.line("Firmware revision")?.strip_prefix("Betaflight ")?.split('.').next()?.parse::<u32>().ok()

@@ -1,43 +1,45 @@
-//! Bounds of a table of signals, and a reader that stops where one line would take all memory.
+//! Limits on the size of a CSV file, and a reader that stops when a line would exhaust memory.
 
 use std::cell::Cell;
 use std::io::{Error, Read, Result};
 
-/// Most columns of a file. Logs of autopilots with every topic in one table have some thousands; what has more is no table
-/// of signals over time, and names in that number cost more than the numbers.
+/// Most columns of a file. Logs of autopilots with every topic in one table have some thousands. A file with more
+/// columns is no table of signals over time, and its names would take more memory than its numbers.
 pub(super) const MOST_COLUMNS: usize = 10_000;
 
-/// Most bytes of a line, with the comments before it: [`MOST_COLUMNS`] numbers of full precision are a twentieth of it.
+/// Most bytes of a line, including preceding comments: [`MOST_COLUMNS`] numbers of full precision take a twentieth
+/// of it.
 pub(super) const LONGEST_LINE: usize = 4 << 20;
 
-/// Greatest size of a number. No quantity of a flight comes near it in any unit, and it leaves room to square and to add
-/// without an overflow; what is greater is the "no value" of somebody's logger, such as the greatest single precision number.
+/// Greatest magnitude of a number. No quantity of a flight comes near it in any unit, and squares and sums of such
+/// numbers do not overflow. A greater number is the "no value" of a logger, such as the greatest single precision
+/// number.
 pub(super) const GREATEST: f64 = 1e30;
 
-/// How many bytes may still be read for the line that is being read.
+/// Number of bytes that may still be read for the present line.
 pub(super) struct Allowance {
     each: usize,
     left: Cell<usize>,
 }
 
 impl Allowance {
-    /// So many bytes for each line.
+    /// An allowance of `each` bytes per line.
     pub fn new(each: usize) -> Self {
         Self { each, left: Cell::new(each) }
     }
 
-    /// A new line begins.
+    /// Resets the allowance for a new line.
     pub fn renew(&self) {
         self.left.set(self.each);
     }
 
-    /// Whether a line was longer than allowed.
+    /// Whether a line exceeded the allowance.
     pub fn is_used_up(&self) -> bool {
         self.left.get() == 0
     }
 }
 
-/// Passes bytes on as long as there is an allowance.
+/// A reader that passes on bytes while the allowance lasts.
 pub(super) struct Bounded<'a, R> {
     inner: R,
     allowance: &'a Allowance,

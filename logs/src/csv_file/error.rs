@@ -1,4 +1,4 @@
-//! Why a CSV cannot be read or written, with the file, the line and the column.
+//! Errors of reading or writing a CSV, with the file, the line and the column.
 
 use std::path::PathBuf;
 
@@ -17,14 +17,14 @@ pub enum CsvError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// There is no head, or no time in it.
+    /// The header line is missing, or has no time column.
     #[error(
         "{path}, line 1: the first column is '{found}', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another"
     )]
     NoTime {
         /// The file.
         path: PathBuf,
-        /// What the first column is called.
+        /// Head of the first column.
         found: String,
     },
     /// Two columns have one name.
@@ -38,7 +38,7 @@ pub enum CsvError {
     /// A unit or a mapping does not fit.
     #[error(transparent)]
     Map(#[from] MapError),
-    /// The time is not in a unit of time.
+    /// The unit of the time column is not a unit of time.
     #[error("{path}, line 1: the time column is in '{unit}', expected s, ms, us, min or samples")]
     TimeUnit {
         /// The file.
@@ -46,7 +46,7 @@ pub enum CsvError {
         /// The unit.
         unit: String,
     },
-    /// A line is not as long as the head, or is not CSV.
+    /// A line has another number of cells than the header, or is not valid CSV.
     #[error("{path}, line {line}: {reason}")]
     Line {
         /// The file.
@@ -67,12 +67,12 @@ pub enum CsvError {
         line: u64,
         /// Column, counted from 1.
         column: usize,
-        /// Its head.
+        /// Head of the column.
         name: String,
-        /// What stands there.
+        /// Text of the cell.
         found: String,
     },
-    /// A cell is beyond all measure.
+    /// A number is greater than any physical quantity.
     #[error(
         "{path}, line {line}, column {column} ({name}): {found:e} exceeds {GREATEST:e}, which is not a plausible measurement; leave the cell empty for a gap"
     )]
@@ -83,9 +83,9 @@ pub enum CsvError {
         line: u64,
         /// Column, counted from 1.
         column: usize,
-        /// Its head.
+        /// Head of the column.
         name: String,
-        /// What stands there.
+        /// Value of the cell.
         found: f64,
     },
     /// No line has a value in a column.
@@ -95,20 +95,20 @@ pub enum CsvError {
         path: PathBuf,
         /// Column, counted from 1.
         column: usize,
-        /// Its head.
+        /// Head of the column.
         name: String,
     },
-    /// More columns than a table of signals has.
+    /// There are more columns than a table of signals has.
     #[error(
         "{path}, line 1: {found} columns, but at most {MOST_COLUMNS} are supported; keep only those that are needed"
     )]
     Columns {
         /// The file.
         path: PathBuf,
-        /// How many there are.
+        /// Number of columns.
         found: usize,
     },
-    /// A line that is no line of numbers.
+    /// A line is too long for a line of numbers.
     #[error(
         "{path}, line {line}: the line has more than {LONGEST_LINE} bytes, too many for a line of numbers; check for an unclosed quote or another file type"
     )]
@@ -118,7 +118,7 @@ pub enum CsvError {
         /// Line, counted from 1.
         line: u64,
     },
-    /// Time stands still or goes back.
+    /// The time does not increase.
     #[error("{path}, line {line}: time {found} is not after {before}; it must increase from line to line")]
     Time {
         /// The file.
@@ -130,7 +130,7 @@ pub enum CsvError {
         /// The time here, in the file's unit.
         found: f64,
     },
-    /// The signals do not make a record.
+    /// The signals cannot form a record.
     #[error(transparent)]
     Record(#[from] RecordError),
 }

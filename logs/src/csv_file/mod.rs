@@ -1,6 +1,7 @@
-//! CSV: first column `t` in s or `t[unit]`, heads `name` or `name[unit]`, empty cells and `NaN` for gaps.
+//! CSV files: first column `t` in s or `t[unit]`, heads `name` or `name[unit]`, empty cells and `NaN` for gaps.
 //!
-//! Lines that begin with `#` are comments. A semicolon or a tab separates as well as a comma, if the head says so.
+//! Lines that begin with `#` are comments. A semicolon or a tab is accepted as the separator as well as a comma,
+//! according to the header line.
 
 mod bounded;
 mod error;
@@ -20,7 +21,7 @@ pub use self::write::{format_csv, write_csv};
 use crate::mapping::{Mapping, Selected, Source, Unreadable, resolve, split_unit};
 use crate::record::Record;
 
-/// Most characters of a cell that a message repeats.
+/// Most characters of a cell that a message quotes.
 const SHOWN: usize = 40;
 
 /// Reads a CSV file into SI units. Mapped columns get their new names; the others keep theirs.
@@ -33,7 +34,7 @@ pub fn read_csv(path: impl AsRef<Path>, mappings: &[Mapping]) -> Result<Record, 
     parse_csv(file, path, mappings)
 }
 
-/// Reads CSV text from anywhere; `path` is what errors call it.
+/// Reads CSV text from any reader; `path` is its name in errors.
 ///
 /// # Errors
 /// [`CsvError`], which names file, line and column.
@@ -62,7 +63,7 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
 
     let mut time = Vec::new();
     let mut values: Vec<Vec<f64>> = vec![Vec::new(); columns.signals.len()];
-    // A column of text that nobody has named is in nobody's way, until it is asked for.
+    // A column of text that is not requested by name causes no error.
     let mut unreadable: Vec<Option<CsvError>> = columns.signals.iter().map(|_| None).collect();
     let mut row = ByteRecord::new();
     let mut before = f64::NEG_INFINITY;
@@ -95,26 +96,26 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
             }
         }
     }
-    // Growing vectors hold up to twice what is in them.
+    // Growing vectors reserve up to twice the memory that they use.
     time.shrink_to_fit();
     values.iter_mut().for_each(Vec::shrink_to_fit);
     columns.record(path, &heads, time, values, unreadable)
 }
 
-/// What the head says.
+/// Contents of the header line.
 struct Columns {
     time: usize,
     time_unit: Unit,
-    /// Column of each source.
+    /// Column index of each source.
     sources: Vec<usize>,
     signals: Vec<Selected>,
-    /// How many of the signals the user named: they come first.
+    /// Number of signals that the user mapped; they come first.
     mapped: usize,
     unreadable: Vec<Unreadable>,
 }
 
 impl Columns {
-    /// The record of these columns, with their values and what is wrong with them.
+    /// The record of these columns, from their values and the errors found in them.
     fn record(
         self,
         path: &Path,
@@ -172,7 +173,7 @@ impl Columns {
                 return Err(CsvError::NoTime { path: path.into(), found });
             }
         };
-        // A bare t is in s.
+        // A time column without a unit is in s.
         let time_unit = if time_unit == Unit::ONE { Unit::SECOND } else { time_unit };
         if !["s", "samples"].contains(&time_unit.si_symbol().as_str()) {
             let unit = time_unit.si_symbol();
@@ -190,12 +191,12 @@ impl Columns {
     }
 }
 
-/// True for a column that is the time by its name: `t`, or `time` where the head says in which unit.
+/// Whether a column is the time by its name: `t`, or `time` with a unit.
 fn is_time(source: &Source) -> bool {
     source.name == "t" || source.name.eq_ignore_ascii_case("time") && source.unit.is_some()
 }
 
-/// What is wrong with a cell.
+/// What is wrong with the contents of a cell.
 enum WrongCell {
     NoNumber(String),
     TooGreat(f64),
@@ -211,7 +212,7 @@ impl WrongCell {
     }
 }
 
-/// A text for a message, cut when it is long.
+/// A text for a message, shortened if it is long.
 fn excerpt(text: &str) -> String {
     match text.char_indices().nth(SHOWN) {
         Some((end, _)) => format!("{}... ({} bytes)", &text[..end], text.len()),
@@ -240,7 +241,7 @@ fn skip_byte_order_mark(input: &mut impl BufRead) -> std::io::Result<()> {
     Ok(())
 }
 
-/// The separator that the head line uses.
+/// The separator of the header line.
 fn delimiter(start: &[u8]) -> u8 {
     let head = start.split(|b| *b == b'\n').find(|line| !line.starts_with(b"#")).unwrap_or(start);
     if head.contains(&b',') {

@@ -28,7 +28,7 @@ fn time_may_be_samples_or_another_column() {
     let record = parse("y,stamp\n1,0\n2,1000\n", &["t=stamp[us]", "roll=-y[deg]"]).unwrap();
     assert_eq!(record.time, [0.0, 1e-3]);
     assert_eq!(record.names(), ["roll"]);
-    // As spreadsheets and plotting programs write it; without a unit it might be anything.
+    // A head as spreadsheets and plotting programs write it; without a unit it is ambiguous.
     assert_eq!(parse("Time [ms],y\n0,1\n1,2\n", &[]).unwrap().time, [0.0, 1e-3]);
     assert!(parse("time,y\n0,1\n1,2\n", &[]).is_err());
 }
@@ -39,7 +39,7 @@ fn other_separators_and_byte_order_marks_are_read() {
     assert_eq!(parse("t\ty\n0\t1\n", &[]).unwrap().names(), ["y"]);
 }
 
-/// A mode in words, a unit that nobody knows, a name that comes twice: nobody who asks for other columns is stopped.
+/// A mode in words, an unknown unit and a duplicate name do not affect a user who asks for other columns.
 #[test]
 fn a_column_that_cannot_be_read_is_an_error_where_it_is_asked_for() {
     let cases = [
@@ -133,7 +133,7 @@ prop_compose! {
         let time = steps.iter().scan(start, |t, dt| { *t += dt; Some(*t) }).collect();
         let mut record = Record::new("round.csv", time).unwrap();
         for (i, mut v) in values.into_iter().enumerate() {
-            // A column without a value is read as one that nobody can use.
+            // A column without a value is unreadable, so one value is set.
             v.iter_mut().take(1).filter(|v| v.is_nan()).for_each(|v| *v = -0.0);
             record.push(format!("s,{i} \"q\""), ["rad/s", "", "m/s^2"][i % 3], v).unwrap();
         }

@@ -7,8 +7,8 @@ use std::path::Path;
 use super::CsvError;
 use crate::record::Record;
 
-/// Writes a record: `t[s]`, then every signal with its SI unit, numbers so that they read back bit for bit, empty
-/// cells for gaps.
+/// Writes a record: `t[s]`, then every signal with its SI unit. Numbers are written so that they read back bit
+/// for bit, and gaps as empty cells.
 ///
 /// # Errors
 /// [`CsvError::Io`].
@@ -22,10 +22,10 @@ pub fn write_csv(record: &Record, path: impl AsRef<Path>) -> Result<(), CsvError
     write().map_err(|source| CsvError::Io { path: path.into(), source })
 }
 
-/// Writes a record as [`write_csv`] does, to anywhere.
+/// Writes a record as [`write_csv`] does, to any writer.
 ///
 /// # Errors
-/// What `out` says.
+/// The error of `out`.
 pub fn format_csv(record: &Record, out: &mut impl Write) -> std::io::Result<()> {
     write!(out, "t[{}]", record.time_unit)?;
     for signal in record.signals() {
@@ -48,7 +48,7 @@ pub fn format_csv(record: &Record, out: &mut impl Write) -> std::io::Result<()> 
     Ok(())
 }
 
-/// A head as RFC 4180 wants it.
+/// A head quoted according to RFC 4180.
 fn quoted(head: &str) -> String {
     if head.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", head.replace('"', "\"\""))

@@ -1,4 +1,4 @@
-//! Units and scales of the fields, as the FMTU, UNIT and MULT messages of a log say.
+//! Units and scales of the fields, from the FMTU, UNIT and MULT messages of a log.
 
 use std::collections::HashMap;
 
@@ -7,26 +7,26 @@ use whirlstand_msgs::units::Unit;
 use super::format::Format;
 use super::framing::Message;
 
-/// Names of the messages that describe others, or hold settings: none of their fields is a signal.
+/// Names of the messages that describe others or hold settings; none of their fields is a signal.
 const NOT_SIGNALS: [&str; 5] = ["FMT", "FMTU", "UNIT", "MULT", "PARM"];
 
-/// The id of a unit that marks the field with the number of a sensor.
+/// Unit id that marks the field with the sensor number.
 const INSTANCE: u8 = b'#';
 
-/// Ids of multipliers that say that there is none, or that nobody has stated one.
+/// Multiplier ids that mean no multiplier, or an unstated one.
 const NO_MULTIPLIER: [u8; 2] = [b'-', b'?'];
 
-/// What a log says of its fields.
+/// Definitions of units and scales in a log.
 #[derive(Debug, Default)]
 pub(super) struct Definitions {
-    /// Ids of unit and multiplier for each field, by type of message.
+    /// Unit ids and multiplier ids of the fields, by type of message.
     fields: HashMap<u8, (String, String)>,
     units: HashMap<u8, String>,
     multipliers: HashMap<u8, f64>,
 }
 
 impl Definitions {
-    /// Takes what the message says of others.
+    /// Takes in the definitions in a message.
     pub fn take(&mut self, message: &Message<'_>) {
         let number = |field: usize| message.format.fields.get(field)?.number(message.content, 0);
         let text = |field: usize| message.format.fields.get(field)?.text(message.content);
@@ -50,14 +50,14 @@ impl Definitions {
         }
     }
 
-    /// The field that numbers the sensors of a type.
+    /// Index of the field that holds the sensor number of a message type.
     pub fn instance(&self, format: &Format) -> Option<usize> {
         let (units, _) = self.fields.get(&format.kind)?;
         let field = units.bytes().position(|id| id == INSTANCE)?;
         matches!(format.fields.get(field)?.kind, b'b' | b'B').then_some(field)
     }
 
-    /// Unit of a field, in the syntax of [`Unit`], if the log states one that is known there.
+    /// Unit of a field, in the syntax of [`Unit`], if the log states one that is known.
     pub fn unit(&self, format: &Format, field: usize) -> Option<String> {
         let (units, _) = self.fields.get(&format.kind)?;
         let label = self.units.get(units.as_bytes().get(field)?)?;
@@ -70,7 +70,7 @@ impl Definitions {
         unit.parse::<Unit>().is_ok_and(|unit| unit != Unit::ONE).then(|| unit.into())
     }
 
-    /// What a stored number of a field is multiplied by to be in its unit.
+    /// Factor from the stored number of a field to its unit.
     pub fn scale(&self, format: &Format, field: usize) -> f64 {
         let stated = || {
             let (_, multipliers) = self.fields.get(&format.kind)?;

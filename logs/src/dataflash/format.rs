@@ -1,15 +1,15 @@
-//! How the messages of a log are laid out, as its FMT messages say.
+//! Layout of the messages of a log, as its FMT messages define it.
 
-/// Type of the messages that define the others.
+/// Type of the messages that define others.
 pub(super) const DEFINITION: u8 = 128;
 
-/// Bytes of a message before its content: two of magic, one for the type.
+/// Bytes of a message header: two of magic and one for the type.
 pub(super) const HEADER: usize = 3;
 
-/// Bytes of a message that defines another.
+/// Bytes of a message that defines another one.
 pub(super) const DEFINITION_LENGTH: u8 = 89;
 
-/// Elements of a field of the kind `a`.
+/// Number of elements in a field of kind `a`.
 const ARRAY: usize = 32;
 
 /// The layout of one type of message.
@@ -21,9 +21,9 @@ pub(super) struct Format {
     pub length: u8,
     /// Its name, for example `IMU`.
     pub name: String,
-    /// Its fields up to the first whose kind is not known.
+    /// Its fields, up to the first one of unknown kind.
     pub fields: Vec<Field>,
-    /// The kind of that field.
+    /// Kind of that field.
     pub unknown: Option<char>,
 }
 
@@ -32,14 +32,14 @@ pub(super) struct Format {
 pub(super) struct Field {
     /// Its name, for example `GyrX`.
     pub label: String,
-    /// The letter that says how it is stored.
+    /// The letter that defines how the field is stored.
     pub kind: u8,
-    /// Where it begins in the content, bytes.
+    /// Offset of the field in the content, bytes.
     offset: usize,
 }
 
 impl Format {
-    /// The format that the content of an FMT message defines; `None` if it contradicts itself.
+    /// The format that the content of an FMT message defines; `None` if it is inconsistent.
     pub fn parse(content: &[u8]) -> Option<Self> {
         let (kind, length) = (*content.first()?, *content.get(1)?);
         let name = text(content.get(2..6)?);
@@ -61,7 +61,7 @@ impl Format {
         (whole && own).then_some(Self { kind, length, name, fields, unknown })
     }
 
-    /// Time of a message since the autopilot started, ns; `None` for the few that have none.
+    /// Time of a message since the autopilot started, ns; `None` for the few messages without a time.
     pub fn time_ns(&self, content: &[u8]) -> Option<u64> {
         let first = self.fields.first()?;
         match (first.label.as_str(), first.kind) {
@@ -73,7 +73,7 @@ impl Format {
 }
 
 impl Field {
-    /// Numbers in the field: none in a text.
+    /// Number of numeric elements in the field; 0 for a text.
     pub fn numbers(&self) -> usize {
         match self.kind {
             b'n' | b'N' | b'Z' => 0,
@@ -82,7 +82,7 @@ impl Field {
         }
     }
 
-    /// A number of the field as it is stored, before any scale.
+    /// A number of the field as stored, without any scale.
     pub fn number(&self, content: &[u8], element: usize) -> Option<f64> {
         let bytes = content.get(self.offset..)?;
         match self.kind {
@@ -96,7 +96,7 @@ impl Field {
         Some(text(content.get(self.offset..)?.get(..size(self.kind)?)?))
     }
 
-    /// What a stored number is multiplied by where the log states no multiplier: the scale of the letter.
+    /// Default scale of the field's kind, used where the log states no multiplier.
     pub fn scale(&self) -> f64 {
         match self.kind {
             b'c' | b'C' | b'e' | b'E' => 1e-2,

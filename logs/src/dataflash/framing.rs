@@ -1,8 +1,8 @@
-//! The messages of a DataFlash log one after the other, and the places where there are none.
+//! The sequence of messages in a DataFlash log, and the byte ranges that contain none.
 //!
-//! A message is two bytes of magic, its type, and content as long as the FMT message of that type says. There is no check
-//! sum: a message counts only if its type was defined and another message, or the end of the file, follows where it ends.
-//! Bytes that are no message are passed over one by one, and told.
+//! A message is two bytes of magic, its type, and content of the length that the FMT message of that type defines.
+//! There is no checksum. A message counts only if its type was defined and another message, or the end of the
+//! file, follows its end. Bytes that belong to no message are skipped one by one, and reported.
 
 use std::io::{self, Read};
 
@@ -11,47 +11,47 @@ use super::format::{DEFINITION, DEFINITION_LENGTH, Format, HEADER};
 /// Bytes with which every message begins.
 const MESSAGE: [u8; 2] = [0xa3, 0x95];
 
-/// Bytes that are read at once.
+/// Bytes that are read at a time.
 const BLOCK: usize = 1 << 16;
 
 /// A message.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Message<'a> {
-    /// Its layout.
+    /// Layout of the message.
     pub format: &'a Format,
-    /// What follows its header.
+    /// Bytes after the header.
     pub content: &'a [u8],
-    /// How often a layout has been defined or changed up to here.
+    /// Number of definitions and changes of layouts up to here.
     pub definitions: u64,
 }
 
-/// Bytes that are no messages.
+/// Byte ranges that contain no message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Gaps {
-    /// Stretches of them.
+    /// Number of ranges.
     pub places: u64,
-    /// How many they are.
+    /// Number of bytes in the ranges.
     pub bytes: u64,
-    /// Where the first is.
+    /// Offset of the first range.
     pub first: u64,
-    /// Where a message begins whose end the file does not have.
+    /// Offset of a last message that the end of the file cuts off.
     pub cut: Option<u64>,
 }
 
 /// The messages of a file.
 pub(super) struct Messages<R> {
     file: R,
-    /// What was read and not yet passed, from `next` on.
+    /// Bytes that were read; those from `next` on have not been consumed.
     buffer: Vec<u8>,
     next: usize,
-    /// Place of `next` in the file.
+    /// Offset of `next` in the file.
     at: u64,
-    /// Bytes of the message that was given out last.
+    /// Length of the message that was returned last, bytes.
     given: usize,
     formats: Vec<Option<Format>>,
     definitions: u64,
     gaps: Gaps,
-    /// Where the stretch begins that is being passed over.
+    /// Start of the range that is being skipped.
     open: Option<u64>,
 }
 
@@ -69,10 +69,10 @@ impl<R: Read> Messages<R> {
         Self { file, buffer, next: 0, at: 0, given: 0, formats, definitions: 0, gaps, open: None }
     }
 
-    /// The next message, whole.
+    /// The next complete message.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the operating system.
     pub fn next(&mut self) -> io::Result<Option<Message<'_>>> {
         self.pass(self.given);
         self.given = 0;
@@ -110,17 +110,18 @@ impl<R: Read> Messages<R> {
         }
     }
 
-    /// What is no message, up to here.
+    /// Ranges without messages up to here.
     pub fn gaps(&self) -> Gaps {
         self.gaps
     }
 
-    /// Layouts that were defined up to here.
+    /// Layouts defined up to here.
     pub fn formats(&self) -> impl Iterator<Item = &Format> {
         self.formats.iter().flatten()
     }
 
-    /// Whether a message of `length` bytes is whole, and followed by another or by nothing.
+    /// Whether a message of `length` bytes is complete, and followed by another one or by the end of the
+    /// file.
     fn is_message(&mut self, length: usize) -> io::Result<bool> {
         let bytes = self.peek(length + MESSAGE.len())?;
         let (had, fits) = (bytes.len(), bytes.get(length..).is_some_and(|next| MESSAGE.starts_with(next)));
@@ -130,7 +131,7 @@ impl<R: Read> Messages<R> {
         Ok(fits)
     }
 
-    /// Takes note of the layout in a message that defines one. Returns whether it makes sense.
+    /// Stores the layout in a message that defines one. Returns whether it is consistent.
     fn defines(&mut self, kind: usize, length: usize) -> bool {
         if kind != usize::from(DEFINITION) {
             return true;
@@ -149,10 +150,10 @@ impl<R: Read> Messages<R> {
         }
     }
 
-    /// Ends the stretch that is no message.
+    /// Ends the range without messages.
     fn close(&mut self) {
         if let Some(from) = self.open.take() {
-            // What was taken for a message without its end was none if it is not the last of the file.
+            // A message without its end was none, unless it is the last of the file.
             let cut = self.gaps.cut.take().filter(|cut| *cut == from && self.next == self.buffer.len());
             if cut.is_some() {
                 self.gaps.cut = cut;
@@ -166,7 +167,7 @@ impl<R: Read> Messages<R> {
         }
     }
 
-    /// The next bytes: as many as asked for, or all that there are.
+    /// The next bytes: as many as `wanted`, or all that remain.
     fn peek(&mut self, wanted: usize) -> io::Result<&[u8]> {
         if self.buffer.len() - self.next < wanted {
             self.buffer.drain(..self.next);

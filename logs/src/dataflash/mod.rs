@@ -25,8 +25,8 @@ use crate::topics::{TopicSamples, Topics};
 /// Bytes with which a log begins: the header of the first definition.
 pub const MAGIC: [u8; 3] = [0xa3, 0x95, DEFINITION];
 
-/// A time that is further from that of the message before it is a damaged one, unless the next message confirms it.
-/// Tasks of the autopilot write a second apart at most; a pause in the log is confirmed.
+/// A time step to the message before that is longer than this means a damaged time, unless the next message
+/// confirms it. Tasks of the autopilot write at least once a second; a pause in the log is confirmed.
 const LONGEST_STEP_NS: u64 = 60_000_000_000;
 
 /// Why a DataFlash log cannot be read.
@@ -40,7 +40,7 @@ pub enum DataflashError {
         /// What the system says.
         source: io::Error,
     },
-    /// There is nothing that a reader could begin with.
+    /// The file contains no complete definition of a message.
     #[error(
         "{path}: there is no complete message definition (FMT) from byte {at} on, so it cannot be read: this is not a DataFlash log, or it is damaged. Download the log from the autopilot again"
     )]
@@ -50,7 +50,7 @@ pub enum DataflashError {
         /// Where the search began.
         at: u64,
     },
-    /// Its signals do not make a record.
+    /// The signals cannot form a record.
     #[error(transparent)]
     Multi(#[from] MultiError),
 }
@@ -63,7 +63,7 @@ pub fn dataflash_topics(path: &Path) -> Result<Topics, DataflashError> {
     Log::open(path)?.topics()
 }
 
-/// Reads the mapped signals of a DataFlash log onto the clock of the fastest of them.
+/// Reads the mapped signals of a DataFlash log and resamples them to the clock of the fastest one.
 ///
 /// # Errors
 /// [`DataflashError`].
@@ -85,11 +85,11 @@ pub fn read_dataflash(path: &Path, mappings: &[Mapping]) -> Result<Record, Dataf
     Ok(collector.finish(&topics.remarks)?)
 }
 
-/// A log whose definitions are known.
+/// A log whose definitions have been read.
 struct Log<'a> {
     path: &'a Path,
     definitions: Definitions,
-    /// The first time that the next message confirms, ns.
+    /// The first time that the following message confirms, ns.
     start: Option<u64>,
     remarks: Vec<String>,
 }
@@ -109,7 +109,7 @@ struct Signal {
 }
 
 impl<'a> Log<'a> {
-    /// Reads what the log says of its messages.
+    /// Reads the definitions of a log.
     fn open(path: &'a Path) -> Result<Self, DataflashError> {
         let failed = |source| DataflashError::Io { path: path.into(), source };
         let mut messages = Messages::new(File::open(path).map_err(failed)?);
@@ -157,7 +157,7 @@ impl<'a> Log<'a> {
         Ok(Topics { by_name, remarks })
     }
 
-    /// Visits every message that is a sample, with its time in ns. Returns how many have a time that cannot be.
+    /// Visits every sample message with its time in ns. Returns how many messages have an impossible time.
     fn each(&self, visit: &mut dyn FnMut(&Topic, &Message<'_>, u64)) -> Result<u64, DataflashError> {
         let failed = |source| DataflashError::Io { path: self.path.into(), source };
         let mut messages = Messages::new(File::open(self.path).map_err(failed)?);
@@ -184,7 +184,7 @@ impl<'a> Log<'a> {
         Ok(left_out)
     }
 
-    /// The number of the sensor, 0 for the first or only one.
+    /// Number of the sensor, 0 for the first or only one.
     fn instance(&self, message: &Message<'_>) -> u8 {
         let number = || {
             let field = self.definitions.instance(message.format)?;
@@ -219,14 +219,14 @@ impl<'a> Log<'a> {
     }
 }
 
-/// Holds the times of messages against each other; there is no check sum that would tell a damaged one.
+/// Checks the times of messages against each other, since no checksum reveals a damaged one.
 #[derive(Default)]
 struct Clock {
-    /// The first time that the next message confirmed, ns.
+    /// The first time that the following message confirmed, ns.
     start: Option<u64>,
-    /// The last that fitted, ns.
+    /// The last time that fitted, ns.
     last: Option<u64>,
-    /// The last that did not, ns.
+    /// The last time that did not fit, ns.
     unconfirmed: Option<u64>,
 }
 

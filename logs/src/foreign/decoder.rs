@@ -9,7 +9,7 @@ use super::visit::{MOST_ELEMENTS, MOST_NESTING, PathStack, Visit};
 use super::wire::Wire;
 use crate::log_file::Topic;
 
-/// Takes the messages of one topic apart.
+/// Decodes the messages of one topic.
 pub(super) enum Decoder {
     Json,
     Ros(Definition, Wire),
@@ -57,7 +57,8 @@ impl Decoder {
 fn descriptor(topic: &Topic) -> Result<MessageDescriptor, String> {
     let damaged = |e: &dyn std::fmt::Display| format!("its protobuf descriptors are damaged: {e}");
     let files = FileDescriptorSet::decode(topic.schema.as_slice()).map_err(|e| damaged(&e))?;
-    // The pool would index a file that it has not kept, to say where another syntax stands.
+    // The syntax is checked here, because the pool would index a file that it has not kept to report another
+    // one.
     let known = |syntax: &str| matches!(syntax, "proto2" | "proto3");
     if let Some(syntax) = files.file.iter().filter_map(|file| file.syntax.as_deref()).find(|s| !known(s)) {
         return Err(format!("its protobuf descriptors have syntax '{syntax}': proto2 or proto3 is expected"));
@@ -95,7 +96,7 @@ fn protobuf(message: &DynamicMessage, path: &mut PathStack, visit: &mut Visit<'_
         return;
     }
     for field in message.descriptor().fields() {
-        // A message that is not there has no numbers; a number that is not there is 0.
+        // An absent message has no numbers; an absent number is 0.
         if field.supports_presence() && !message.has_field(&field) {
             continue;
         }

@@ -1,9 +1,9 @@
 //! MCAP logs of other programs: signals `/topic.field.path`, array elements `/topic.field[3]`.
 //!
-//! Read are the encodings `json`, `cdr` with `ros2msg` schemas, `ros1` with `ros1msg` schemas, and `protobuf` with
-//! embedded descriptors. Not read are `flatbuffer`, `cbor`, `cdr` with IDL schemas, and wide strings; topics
-//! in those are passed over and told when a signal is missing. Only numbers and booleans are signals; arrays of
-//! more than 256 elements (images, point clouds) are passed over. Time is the log time.
+//! The supported encodings are `json`, `cdr` with `ros2msg` schemas, `ros1` with `ros1msg` schemas, and `protobuf`
+//! with embedded descriptors. Not supported are `flatbuffer`, `cbor`, `cdr` with IDL schemas, and wide strings;
+//! topics in these are skipped, and reported when a signal is missing. Only numbers and booleans are signals;
+//! arrays of more than 256 elements (images, point clouds) are skipped. Time is the log time.
 
 mod decoder;
 mod ros;
@@ -23,7 +23,8 @@ use crate::record::Record;
 
 use decoder::Decoder;
 
-/// Messages of a topic from which its fields are learnt; arrays may have any length from message to message.
+/// Number of messages of a topic from which its fields are learnt; arrays may change their length from
+/// message to message.
 const LEARNT_FROM: u64 = 20;
 
 /// Why a log of another program cannot be read.
@@ -32,12 +33,12 @@ pub enum ForeignError {
     /// The file cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Its signals do not make a record.
+    /// The signals cannot form a record.
     #[error(transparent)]
     Multi(#[from] MultiError),
 }
 
-/// What a log of another program offers.
+/// The signals in a log of another program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Catalogue {
     /// Names of all signals, topic by topic.
@@ -46,11 +47,11 @@ pub struct Catalogue {
     pub unreadable: Vec<String>,
 }
 
-/// Decoders by topic; an error is a reason why there is none.
+/// Decoders by topic; an error is the reason why there is none.
 #[derive(Default)]
 struct Decoders {
     by_topic: HashMap<*const Topic, Result<Decoder, String>>,
-    // Keeps the addresses above from being used again.
+    // Keeps the topics alive, so that their addresses used as keys stay unique.
     topics: Vec<Arc<Topic>>,
 }
 
@@ -100,7 +101,7 @@ pub fn catalogue(log: &Log) -> Result<Catalogue, ReadError> {
     })
 }
 
-/// Reads the mapped signals of a log onto the clock of the fastest of them.
+/// Reads the mapped signals of a log and resamples them to the clock of the fastest one.
 ///
 /// # Errors
 /// [`ForeignError`].
@@ -124,7 +125,7 @@ pub fn read_foreign(path: &Path, mappings: &[Mapping]) -> Result<Record, Foreign
             source.push_str(path);
             collector.take(&source, message.log_time, value);
         };
-        // A message that cannot be read has been told by the catalogue, or its signal stays short of samples.
+        // A message that cannot be read was reported by the catalogue, or its signal lacks a sample.
         let _ = decoder.visit(message.data, &mut visit);
     }
     Ok(collector.finish(&unreadable)?)

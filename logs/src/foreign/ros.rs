@@ -1,9 +1,10 @@
-//! Message definitions of ROS 1 and ROS 2, as MCAP keeps them: the message's own text, then after a line of `=`
-//! and `MSG: package/Name` the text of each type that it uses (MCAP format registry, "ros1msg", "ros2msg").
+//! Message definitions of ROS 1 and ROS 2 as MCAP stores them: the message's own text, then, after a line of
+//! `=` and `MSG: package/Name`, the text of each type that it uses (MCAP format registry, "ros1msg",
+//! "ros2msg").
 
 use std::collections::HashMap;
 
-/// What a field holds.
+/// Type of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Bool,
@@ -26,7 +27,7 @@ pub(super) enum Kind {
     Message(usize),
 }
 
-/// How many of them.
+/// Number of elements of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Count {
     One,
@@ -41,13 +42,13 @@ pub(super) struct Field {
     pub count: Count,
 }
 
-/// A message type with all types that it uses; the first is its own.
+/// A message type and all types that it uses; it is the first of them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Definition {
     pub types: Vec<Vec<Field>>,
 }
 
-/// A field whose type has not been looked up.
+/// A field whose type has not been resolved.
 struct Raw<'a> {
     type_name: &'a str,
     name: &'a str,
@@ -83,7 +84,7 @@ impl Definition {
     }
 }
 
-/// `package/Name`, also for `package/msg/Name`.
+/// Name `package/Name`, also from `package/msg/Name`.
 fn bare(name: &str) -> String {
     name.replace("/msg/", "/")
 }
@@ -115,7 +116,7 @@ fn field(line: &str) -> Result<Option<Raw<'_>>, String> {
             (type_name, count)
         }
     };
-    // string<=20 is a string.
+    // A bounded string such as string<=20 is a string.
     let type_name = type_name.split("<=").next().unwrap_or(type_name);
     Ok(Some(Raw { type_name, name, count }))
 }

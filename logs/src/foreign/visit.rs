@@ -1,17 +1,17 @@
-//! How the numbers of a message are handed on, one by one, and how many of them there may be.
+//! A visitor for the numbers of a message, and limits on their number.
 
-/// Arrays longer than this are not signals.
+/// Most elements of an array that are signals; longer arrays are not signals.
 pub(super) const MOST_ELEMENTS: usize = 256;
 
-/// Nesting deeper than this is damage.
+/// Deepest nesting of fields; a deeper one means damage.
 pub(super) const MOST_NESTING: usize = 32;
 
 /// Receives the numbers of a message: path within the message, value.
 pub(super) type Visit<'a> = dyn FnMut(&str, f64) + 'a;
 
-/// The path to where a decoder is in a message.
+/// The path of the field that a decoder is reading.
 pub(super) struct PathStack {
-    /// Field names and element numbers, from the outermost in.
+    /// Field names and element numbers, the outermost first.
     pub(super) text: String,
 }
 

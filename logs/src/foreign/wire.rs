@@ -3,23 +3,23 @@
 use super::ros::{Count, Definition, Field, Kind};
 use super::visit::{MOST_ELEMENTS, MOST_NESTING, PathStack, Visit};
 
-/// How values are laid out.
+/// Binary layout of values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Wire {
-    /// ROS 2: aligned, behind a header that says the byte order.
+    /// ROS 2: aligned, after a header that states the byte order.
     Cdr,
     /// ROS 1: little-endian, packed.
     Ros1,
 }
 
-/// Where a reader is in a message.
+/// Position of a reader in a message.
 struct Cursor<'a> {
     data: &'a [u8],
     at: usize,
     big_endian: bool,
     /// Greatest alignment: 1 when packed, 4 in CDR version 2, 8 in version 1.
     alignment: usize,
-    /// Strings count their final zero, and a message without fields has one byte.
+    /// Whether strings count their final zero, and a message without fields has one byte.
     cdr: bool,
 }
 
@@ -89,7 +89,7 @@ impl<'a> Cursor<'a> {
             let visit: &mut Visit<'_> = if i < MOST_ELEMENTS { visit } else { &mut silent };
             path.element(i, |path| self.value(definition, field.kind, path, visit, depth))?;
             if self.at == before {
-                // Elements without content: damaged bytes could count four billion of them.
+                // Elements without content are not visited: damaged bytes could count four billion of them.
                 break;
             }
         }
@@ -157,7 +157,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Width of a kind whose elements all have one.
+/// Width of a kind whose elements all have the same width.
 fn width(kind: Kind) -> Option<usize> {
     match kind {
         Kind::Bool | Kind::I8 | Kind::U8 => Some(1),

@@ -1,7 +1,8 @@
-//! What the panels of Foxglove and Lichtblick understand by themselves: the vehicle's pose and shape, and events as log lines.
+//! Messages for panels of Foxglove and Lichtblick that need no configuration: the vehicle's pose and shape, and
+//! events as log lines.
 //!
-//! They are made of the messages of a bench, here and nowhere else, for the live server and for the log. Types and schemas are
-//! those of Foxglove's own SDK.
+//! They are derived from the messages of a bench in this module only, for the live server and for the log. Types
+//! and schemas are those of Foxglove's own SDK.
 
 mod poses;
 mod shape;
@@ -25,39 +26,40 @@ pub const SCENE_TOPIC: &str = "/scene";
 /// Topic of [`Panel::Event`].
 pub const EVENTS_TOPIC: &str = "/log";
 
-/// What the names of the schemas begin with.
+/// Prefix of the names of the schemas.
 const PACKAGE: &str = "foxglove.";
 
-/// Bench time between two looks of the shape, for clients that came meanwhile, ns.
+/// Bench time between two messages of the shape, for clients that have joined in between, ns.
 const SHAPE_EVERY_NS: u64 = 1_000_000_000;
 
-/// Events of a second of bench time, at most: of a disturbance that changes with every step more tell no more.
+/// Most events per second of bench time: more events of a disturbance that changes with every step carry no
+/// more information.
 const MOST_EVENTS: u32 = 32;
 
 /// A message for a panel.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Panel {
-    /// Where the vehicle is.
+    /// Poses of the vehicle.
     Transforms(FrameTransforms),
-    /// What it looks like.
+    /// Shape of the vehicle.
     Scene(SceneUpdate),
-    /// Something happened.
+    /// An event as a log line.
     Event(Log),
 }
 
-/// Makes messages for panels.
+/// Derives messages for panels.
 pub struct Panels {
     poses: Poses,
     events: Events,
     vehicle: String,
-    /// When the shape was told last, ns of bench time.
+    /// Bench time of the last message of the shape, ns.
     told_shape: Option<u64>,
-    /// The second in which events were told last, and how many.
+    /// The second of bench time of the last event, and the number of events in it.
     told_events: (u64, u32),
 }
 
 impl Panels {
-    /// Those of a bench. `effects`: those that can be switched, by their number from 1.
+    /// For the panels of a bench. `effects`: the switchable effects by their number from 1.
     pub fn new(info: &BenchInfo, effects: BTreeMap<u32, String>) -> Self {
         Self {
             poses: Poses::new(info),
@@ -68,7 +70,7 @@ impl Panels {
         }
     }
 
-    /// What a message of the bench tells, with the bench time at which, ns.
+    /// Derives panel messages from a message of the bench, and passes each to `tell` with its bench time, ns.
     pub fn hear(&mut self, message: &BenchMessage, mut tell: impl FnMut(u64, Panel)) {
         if let Some(transforms) = self.poses.hear(message) {
             let ns = message.head().stamp_ns;
@@ -87,7 +89,7 @@ impl Panels {
         }
     }
 
-    /// What follows is for somebody who has heard nothing: the shape is told at once.
+    /// Prepares for a new receiver: the shape is sent at once.
     pub fn begin_anew(&mut self) {
         self.told_shape = None;
     }
@@ -109,7 +111,8 @@ impl Panels {
     }
 }
 
-/// Whether a topic holds what was made of others by [`Panels`], so that it tells nothing of its own.
+/// Whether a topic holds messages that [`Panels`] derived from others, so that it contains no information of
+/// its own.
 pub(crate) fn is_made_of_others(topic: &str, schema: &str) -> bool {
     [TRANSFORMS_TOPIC, SCENE_TOPIC, EVENTS_TOPIC].contains(&topic) && schema.starts_with(PACKAGE)
 }

@@ -1,7 +1,7 @@
-//! Where the vehicle is, for a panel that draws in three dimensions: as it is simulated, as it is measured, and as it is believed to be.
+//! Poses of the vehicle for three-dimensional panels: the simulated, the measured and the estimated pose.
 //!
-//! Frames are those of REP 103, as Foxglove draws them: x forward, y to the left, z up. Ours are those of flight: y to the right, and
-//! angles positive with the nose up and to the right.
+//! The frames are those of REP 103, which Foxglove draws: x forward, y to the left, z up. The vehicle's own frame
+//! is that of flight: y to the right, and angles positive with the nose up and to the right.
 
 use std::collections::VecDeque;
 
@@ -10,35 +10,36 @@ use foxglove::messages::{FrameTransform, FrameTransforms, Quaternion, Timestamp,
 use crate::bench_info::BenchInfo;
 use crate::bench_log::BenchMessage;
 
-/// The frame in which the vehicle moves: where it started, as it was turned.
+/// Name of the frame in which the vehicle moves: its origin and orientation are those of the start.
 const WORLD: &str = "world";
 
-/// As it is: simulated, or measured where nothing is simulated.
+/// Name of the vehicle's frame: simulated, or measured where nothing is simulated.
 pub(super) const VEHICLE: &str = "vehicle";
 
-/// As the sensors have it.
+/// Name of the frame of the measured pose.
 const MEASURED: &str = "measured";
 
-/// As the estimator believes.
+/// Name of the frame of the estimated pose.
 pub(super) const ESTIMATED: &str = "estimated";
 
-/// Poses that are told in a second of bench time, at most.
+/// Greatest number of poses per second of bench time.
 const RATE: f64 = 50.0;
 
-/// Positions that wait for the angles of their step: as many as the queue of a topic holds, and some.
+/// Number of positions that wait for the angles of their step: more than the queue of a topic holds.
 const WAITING: usize = 2048;
 
-/// Where roll, pitch, yaw, longitudinal and lateral position, and height stand among the states.
+/// Indices of roll, pitch, yaw, longitudinal and lateral position, and height among the states.
 type Places = [Option<usize>; 6];
 
 const NAMES: [&str; 6] = ["roll", "pitch", "yaw", "longitudinal_position", "lateral_position", "height"];
 
-/// Makes poses of messages.
+/// Derives poses from messages.
 pub(super) struct Poses {
     states: Places,
-    /// Every so many steps.
+    /// Number of steps between two poses.
     every: u64,
-    /// Measured positions by their step, the next ones last: who hears one topic after the other hears them before the angles.
+    /// Measured positions by their step, the next ones last. Where topics are read one after the other, positions
+    /// come before the angles.
     positions: VecDeque<(u64, [f64; 3])>,
     is_simulated: bool,
 }
@@ -59,7 +60,7 @@ impl Poses {
         self.positions.clear();
     }
 
-    /// What a message says of the pose, now and then.
+    /// The pose in a message, at the reduced rate.
     pub fn hear(&mut self, heard: &BenchMessage) -> Option<FrameTransforms> {
         let head = *heard.head();
         if !head.step.is_multiple_of(self.every) {
@@ -91,7 +92,7 @@ impl Poses {
         Some(FrameTransforms { transforms: frames.iter().map(of).collect() })
     }
 
-    /// The position that was measured at a step, or last before it; the start where none is measured.
+    /// The measured position at a step, or the last one before it; the start where no position is measured.
     fn position(&mut self, step: u64) -> [f64; 3] {
         while self.positions.get(1).is_some_and(|next| next.0 <= step) {
             self.positions.pop_front();
@@ -100,8 +101,8 @@ impl Poses {
     }
 }
 
-/// Turned by yaw, then pitch, then roll, each about the axis that the turns before have left (Diebel, Representing attitude,
-/// 2006, equation 290), with pitch and yaw the other way round for axes to the left and up.
+/// Rotation by yaw, then pitch, then roll, each about the axis after the preceding rotations (Diebel, Representing
+/// attitude, 2006, equation 290). Pitch and yaw have the opposite sign, for axes to the left and up.
 fn turned(roll: f64, pitch: f64, yaw: f64) -> Quaternion {
     let ((sr, cr), (sp, cp), (sy, cy)) =
         ((0.5 * roll).sin_cos(), (-0.5 * pitch).sin_cos(), (-0.5 * yaw).sin_cos());
@@ -124,7 +125,7 @@ fn transform(frame: &str, pose: [f64; 6], ns: u64) -> FrameTransform {
     }
 }
 
-/// Bench time as the SDK has it.
+/// Bench time in the type of the SDK.
 pub(super) fn timestamp(ns: u64) -> Timestamp {
     let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
     Timestamp::new_checked(seconds, (ns % 1_000_000_000) as u32).unwrap_or_default()
@@ -171,7 +172,8 @@ mod tests {
         truth.x[1] = 0.2;
         let told = poses.hear(&BenchMessage::Truth(truth)).unwrap();
         assert!((told.transforms[0].rotation.unwrap().x - 0.1f64.sin()).abs() < 1e-12);
-        // The nose to the right by a quarter turn, then up by an eighth: the nose's own axis points to the right and up.
+        // The nose turns to the right by a quarter turn and then up by an eighth: the nose's axis points to the
+        // right and up.
         let (q, v) = (turned(0.0, 45f64.to_radians(), 90f64.to_radians()), 0.5f64.sqrt());
         let nose = [
             1.0 - 2.0 * (q.y * q.y + q.z * q.z),

@@ -1,4 +1,4 @@
-//! What the vehicle looks like in three dimensions: a drawing, not a measurement.
+//! The shape of the vehicle in three dimensions: a sketch, not a measurement.
 
 use foxglove::messages::{
     Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, Timestamp, Vector3,
@@ -6,7 +6,7 @@ use foxglove::messages::{
 
 use super::poses::{ESTIMATED, VEHICLE};
 
-/// The vehicle as it is, and where the estimator believes it to be, as a shadow.
+/// The vehicle at its pose, and a translucent copy at the estimated pose.
 pub(super) fn of(vehicle: &str, timestamp: Timestamp) -> Vec<SceneEntity> {
     let entity = |frame: &str, opacity: f64| SceneEntity {
         timestamp: Some(timestamp),

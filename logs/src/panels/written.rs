@@ -6,7 +6,7 @@ use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
 use super::{EVENTS_TOPIC, Panel, SCENE_TOPIC, TRANSFORMS_TOPIC};
 use crate::writer::{EncodedChannel, LogWriter, WriteError};
 
-/// Their channels in a log.
+/// Channels of the panel messages in a log.
 pub struct PanelChannels {
     transforms: EncodedChannel,
     scene: EncodedChannel,
@@ -39,7 +39,7 @@ impl PanelChannels {
             Panel::Scene(m) => (&mut self.scene, m.encode(&mut self.scratch)),
             Panel::Event(m) => (&mut self.events, m.encode(&mut self.scratch)),
         };
-        // The only reason to refuse is a buffer without room, and this one grows.
+        // Encoding fails only for a buffer without space, and this buffer grows.
         debug_assert!(encoded.is_ok());
         log.write_encoded(channel, ns, &self.scratch)
     }

@@ -1,4 +1,4 @@
-//! An even clock: where the points of a resampled signal are.
+//! An even clock: the times of a resampled signal.
 
 use std::ops::Range;
 
@@ -6,15 +6,15 @@ use crate::record::RecordError;
 use crate::sampling::median_interval;
 use crate::series::Series;
 
-/// Times so close to a sample's are the sample's, in periods of the clock.
+/// Greatest distance at which a time counts as equal to a sample's, in periods of the clock.
 pub(super) const TOLERANCE: f64 = 1e-6;
 
 /// An even clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clock {
-    /// First point, s.
+    /// Time of the first point, s.
     pub start: f64,
-    /// Distance of points, s.
+    /// Interval between points, s.
     pub period: f64,
     /// Number of points.
     pub points: usize,
@@ -26,13 +26,13 @@ pub enum ClockError {
     /// The period is not a positive number.
     #[error("a clock needs a positive period")]
     Period,
-    /// There is no time that all signals cover, or too little to sample.
+    /// The signals have no common time, or too little of it to sample.
     #[error("the time spans of the signals do not overlap: {0}")]
     NoOverlap(String),
-    /// More points than memory should be spent on.
+    /// The clock would have more points than may take memory.
     #[error("{0} points are too many: choose a longer period or a shorter part of the log")]
     TooMany(String),
-    /// Far more points than there are samples.
+    /// The clock would have far more points than there are samples.
     #[error(
         "{samples} samples are so far apart that {points} points would lie between them: a timestamp in the log is \
          corrupt, or its pauses are far longer than its recordings; select a part of the log"
@@ -48,11 +48,11 @@ pub enum ClockError {
     Record(#[from] RecordError),
 }
 
-/// More points than any log that fits in memory.
+/// Most points of a clock: more than any log that fits in memory.
 const MOST_POINTS: f64 = 1e9;
 
-/// So many points a common clock may have whatever it is for, and so many more for each sample. Far more are no signal but one
-/// damaged time, which would take the memory of a whole day's log.
+/// Number of points that a common clock may always have, and the further number for each sample. Many more points
+/// mean one damaged time, which would take the memory of a whole day's log.
 const POINTS: usize = 2_000_000;
 const POINTS_A_SAMPLE: usize = 100;
 
@@ -72,7 +72,8 @@ impl Clock {
         Ok(Self { start, period, points: points.max(0.0) as usize })
     }
 
-    /// The clock of `period` over the time that all series have in common; without a period, that of the fastest.
+    /// The clock of `period` over the time that all series have in common; without a period, that of the fastest
+    /// series.
     ///
     /// # Errors
     /// [`ClockError`].

@@ -1,13 +1,13 @@
-//! Control signals: a value holds until the next.
+//! Resampling of control signals, which are held from sample to sample.
 
 use super::clock::{Clock, TOLERANCE};
 
-/// What a held signal is on average from each point of a clock to the next, which moves a vehicle as far as the signal
-/// does. Values that are not finite are passed over. The value before the first is `before`; the last holds for ever.
+/// Mean of a held signal from each point of a clock to the next, which moves a vehicle as far as the signal does.
+/// Values that are not finite are skipped. The value before the first is `before`; the last one holds forever.
 pub fn held(time: &[f64], values: &[f64], clock: &Clock, before: f64) -> Vec<f64> {
     let known: Vec<(f64, f64)> =
         time.iter().zip(values).filter(|(_, v)| v.is_finite()).map(|(t, v)| (*t, *v)).collect();
-    // A stamp that is off by rounding belongs to its point of the clock.
+    // A stamp with a rounding error belongs to its point of the clock.
     let slack = TOLERANCE * clock.period;
     let mut at = 0;
     (0..clock.points)
@@ -24,14 +24,14 @@ pub fn held(time: &[f64], values: &[f64], clock: &Clock, before: f64) -> Vec<f64
         .collect()
 }
 
-/// Mean of a signal from `start` to `end` that has `value` first and changes at the given times.
+/// Mean from `start` to `end` of a signal that begins with `value` and changes at the given times.
 fn mean<'c>(value: f64, start: f64, end: f64, changes: impl Iterator<Item = &'c (f64, f64)>) -> f64 {
     let (mut value, mut from, mut sum) = (value, start, 0.0);
     for (at, next) in changes {
         sum += value * (at - from);
         (from, value) = (*at, *next);
     }
-    // A value that holds all the time is itself, not itself but for rounding.
+    // A constant value is returned exactly, without rounding errors.
     if from == start { value } else { (sum + value * (end - from)) / (end - start) }
 }
 

@@ -1,10 +1,10 @@
-//! Sampled signals between their samples: on a straight line.
+//! Resampling of sampled signals by linear interpolation.
 
 use super::clock::{Clock, TOLERANCE};
 use crate::sampling::{LONGEST_BRIDGED, median_interval};
 
-/// A sampled signal at the points of a clock: the sample itself where there is one, and a line between samples. NaN
-/// beyond the ends, in pauses longer than [`LONGEST_BRIDGED`], and on a line to a sample that is NaN.
+/// A sampled signal at the points of a clock: the sample where there is one, and linear interpolation between
+/// samples. NaN beyond the ends, in pauses longer than [`LONGEST_BRIDGED`], and next to a sample that is NaN.
 pub fn interpolated(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
     let own = median_interval(time).unwrap_or(clock.period);
     let slack = TOLERANCE * own;

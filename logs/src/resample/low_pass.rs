@@ -1,8 +1,8 @@
-//! Onto a slower clock: what lies above the new Nyquist frequency must not fold back.
+//! Resampling to a slower clock, without aliasing of frequencies above the new Nyquist frequency.
 //!
-//! A windowed sinc suppresses all of it and colours white noise a little; the mean over each period leaves white noise
-//! white and lets a part of what is fast fold back. The first is for signals without gaps that are looked at; the second
-//! for records with samples missing whose noise is judged.
+//! A windowed sinc suppresses aliasing fully and colours white noise slightly. The mean over each period leaves
+//! white noise white and lets a part of the fast content alias. The first is for signals without gaps that are
+//! plotted; the second is for records with missing samples whose noise is evaluated.
 
 use std::borrow::Cow;
 use std::f64::consts::PI;
@@ -16,7 +16,8 @@ const PASS: f64 = 0.4;
 const STOP: f64 = 0.5;
 const ATTENUATION_DB: f64 = 60.0;
 
-/// Low-passes a part on a grid that divides the clock's period, then takes the clock's points.
+/// Filters a part of a signal on a grid that divides the clock's period, and then takes the points of the
+/// clock.
 pub(super) fn decimate(time: &[f64], values: &[f64], median: f64, clock: &Clock, out: &mut [f64]) {
     let ratio = (clock.period / median - TOLERANCE).ceil().max(2.0) as usize;
     let fine = clock.period / ratio as f64;
@@ -39,7 +40,7 @@ pub(super) fn decimate(time: &[f64], values: &[f64], median: f64, clock: &Clock,
     }
 }
 
-/// A grid value; beyond an end, mirrored through the end point, so that a slope goes on.
+/// A grid value; beyond an end, mirrored through the end point, so that a slope continues.
 fn reflected(grid: &[f64], index: isize) -> f64 {
     let last = grid.len() as isize - 1;
     if index < 0 {
@@ -51,7 +52,7 @@ fn reflected(grid: &[f64], index: isize) -> f64 {
     }
 }
 
-/// Taps of the low-pass before one sample in `ratio` is kept. Their sum is 1.
+/// Filter taps of the low-pass for decimation by `ratio`; their sum is 1.
 fn low_pass(ratio: usize) -> Vec<f64> {
     let ratio = ratio as f64;
     // Kaiser's formulas for length and shape.
@@ -84,10 +85,10 @@ fn bessel_i0(x: f64) -> f64 {
     sum
 }
 
-/// Mean over one period about each point of a slower clock. Every sample stands for one step of the signal about it and
-/// counts with the part of that step inside the period, so that the mean is not early or late where samples lie on the
-/// edge. Samples that are NaN do not count, nor those that only repeat the last value of a slower sensor, which would make it
-/// late; NaN where none does.
+/// Mean over one period around each point of a slower clock. Every sample represents one sampling interval around
+/// it and is weighted with the part of that interval inside the period, so that the mean has no time shift where
+/// samples are on the edge. Samples that are NaN are ignored, as are those that only repeat the last value of a
+/// slower sensor, which would delay the mean. NaN where no sample counts.
 pub fn averaged(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
     let values = &fresh(values)[..];
     let own = median_interval(time).unwrap_or(clock.period);
@@ -110,8 +111,8 @@ pub fn averaged(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
         .collect()
 }
 
-/// The values of a slower sensor without repeats of its last one (NaN): those that change, and whole numbers of its own
-/// periods after a change.
+/// The values of a slower sensor with repetitions of its last value replaced by NaN: values that change are kept,
+/// and those at whole multiples of its own period after a change.
 fn fresh(values: &[f64]) -> Cow<'_, [f64]> {
     let Some((first, every)) = repeated_every(values) else { return Cow::Borrowed(values) };
     let mut changed = first % every;
@@ -140,7 +141,7 @@ mod tests {
         }
     }
 
-    /// As a satellite receiver's, of which each value stands in the record until the next.
+    /// Like a satellite receiver, each value of which is repeated in the record until the next.
     #[test]
     fn repeats_of_a_slow_sensor_do_not_make_it_late() {
         let time: Vec<f64> = (0..1000).map(|i| f64::from(i) * 0.001).collect();

@@ -32,10 +32,10 @@ use clock::TOLERANCE;
 use linear::interpolate;
 use low_pass::decimate;
 
-/// A clock slower than a signal by less than this does not count as slower.
+/// Ratio of periods below which a clock does not count as slower than a signal.
 const SAME_RATE: f64 = 1.05;
 
-/// Brings series onto one clock. Signals for which `held` says so are held, not interpolated.
+/// Resamples series to one clock. Signals for which `held` returns true are held, not interpolated.
 ///
 /// # Errors
 /// [`ClockError::Record`] when two series have one name.
@@ -53,7 +53,8 @@ pub fn resample(
 }
 
 impl Record {
-    /// The record on an even clock of `period` s. Signals for which `held` says so are held, not interpolated.
+    /// The record on an even clock of `period` s. Signals for which `held` returns true are held, not
+    /// interpolated.
     ///
     /// # Errors
     /// [`ClockError`].
@@ -69,8 +70,8 @@ impl Record {
 }
 
 impl Record {
-    /// The record with some signals moved in time: what `name` shows at t is what it showed at t plus its delay. Where
-    /// that lies beyond the record, there is NaN.
+    /// The record with the delays of some signals removed: the new value of `name` at t is its old value at t plus
+    /// its delay. NaN where that is beyond the record.
     pub fn without_delays(mut self, delays: &[(String, f64)]) -> Self {
         let series = self.to_series();
         for (name, delay) in delays {
@@ -112,14 +113,14 @@ pub fn onto(series: &Series, clock: &Clock, holds: bool) -> Vec<f64> {
     out
 }
 
-/// A held signal from its first value to one interval after its last, but for its pauses.
+/// A held signal from its first value to one interval after its last, without its pauses.
 fn held_while_sent(time: &[f64], values: &[f64], median: f64, clock: &Clock) -> Vec<f64> {
     let mut out = vec![f64::NAN; clock.points];
     let (Some(first), Some(last)) = (time.first(), time.last()) else { return out };
     let sent = clock.within(*first, last + median);
     out[sent.clone()].copy_from_slice(&held(time, values, clock, values[0])[sent]);
     for (from, to) in pauses(time) {
-        // The points after the last period that a value holds, and before the next value.
+        // The points between the last interval in which a value holds and the next value.
         out[clock.within(from + median, to - TOLERANCE * clock.period)].fill(f64::NAN);
     }
     out
@@ -164,7 +165,7 @@ mod tests {
         let inner = |v: &[f64]| v[20..181].to_vec();
         let shifted = Clock { start: clock.at(20), ..clock };
         assert!(worst(&inner(&out), &shifted, kept) < 2e-3, "{}", worst(&inner(&out), &shifted, kept));
-        // 17.3 Hz would fold to 2.7 Hz at 20 samples/s.
+        // 17.3 Hz would alias to 2.7 Hz at 20 samples/s.
         let out = onto(&series(1000.0, 10.0, |t| (2.0 * PI * 17.3 * t).sin()), &clock, false);
         assert!(worst(&inner(&out), &shifted, |_| 0.0) < 2e-3);
     }

@@ -1,7 +1,8 @@
-//! The messages of a ULog file, handed to the parser one at a time, each whole and with the lengths inside it checked.
+//! Passes the messages of a ULog file to the parser one at a time, each complete and with its inner lengths
+//! checked.
 //!
-//! The parser believes the lengths that two kinds of message give of themselves, and panics where they lie. Here they are
-//! compared with the message first. The layout is that of the PX4 user guide, "ULog File Format".
+//! The parser trusts the lengths inside two kinds of message, and panics where they are wrong. Here they are first
+//! compared with the size of the message. The layout is that of the PX4 user guide, "ULog File Format".
 
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -11,27 +12,27 @@ use px4_ulog::stream_parser::model::{Completeness, UlogParseError};
 /// Bytes of the file header: magic, version and start time.
 const FILE_HEADER: usize = 16;
 
-/// Bytes of a message header: a little-endian 16-bit length of what follows it, and a letter for the kind.
+/// Bytes of a message header: a little-endian 16-bit length of the content, and a letter for the kind.
 const MESSAGE_HEADER: usize = 3;
 
-/// Why the messages of a file cannot be read to its end.
+/// The reason why the messages of a file cannot be read to its end.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum FramingError {
     /// The file cannot be read.
     #[error("{0}")]
     Io(#[from] io::Error),
-    /// The file header or the definitions are not of a ULog.
+    /// The file header or the definitions are not those of a ULog.
     #[error("not a readable ULog: {0}")]
     Definitions(UlogParseError),
-    /// The content of a message is shorter than a length in it says.
+    /// The content of a message is shorter than a length inside it states.
     #[error("the length in the message at byte {0} points past its end: the file is damaged")]
     Length(u64),
 }
 
-/// Reads the first section of a file, and the sections appended to it after a crash, through the parser.
+/// Passes the first section of a file, and the sections appended to it after a crash, to the parser.
 ///
 /// # Errors
-/// [`FramingError`]. A damaged message behind the definitions is no error: what was read up to it is good.
+/// [`FramingError`]. A damaged message after the definitions is no error: the data read before it are valid.
 pub(super) fn read_sections(
     file: &mut (impl Read + Seek),
     parser: &mut LogParser<'_>,
@@ -45,7 +46,7 @@ pub(super) fn read_sections(
     }
 }
 
-/// What ends the reading before the end.
+/// Reason for the end of reading before the end of the file.
 enum Stop {
     Parser(UlogParseError),
     Framing(FramingError),
@@ -57,10 +58,10 @@ impl From<io::Error> for Stop {
     }
 }
 
-/// Returns whether the last section ends with a whole message.
+/// Reads all sections. Returns whether the last section ends with a complete message.
 fn read_all(file: &mut (impl Read + Seek), parser: &mut LogParser<'_>) -> Result<bool, Stop> {
     let appended = |parser: &LogParser<'_>| parser.appended_offsets().map(|at| (at != 0).then_some(at));
-    // Where the first section ends is told by one of its own messages.
+    // One of the first section's own messages states where it ends.
     let mut whole = read_section(file, 0, &|parser| appended(parser).into_iter().flatten().next(), parser)?;
     let starts: Vec<u64> = appended(parser).into_iter().flatten().collect();
     for (n, start) in starts.iter().enumerate() {
@@ -71,7 +72,7 @@ fn read_all(file: &mut (impl Read + Seek), parser: &mut LogParser<'_>) -> Result
     Ok(whole)
 }
 
-/// Reads the messages from byte `at` on. Returns whether the section ends with a whole message.
+/// Reads the messages from byte `at` on. Returns whether the section ends with a complete message.
 fn read_section(
     file: &mut impl Read,
     mut at: u64,
@@ -101,20 +102,20 @@ fn read_section(
     }
 }
 
-/// Reads on until `message` has `length` bytes. Returns whether there were as many.
+/// Reads until `message` has `length` bytes. Returns whether there were enough bytes.
 fn fill(section: &mut impl Read, message: &mut Vec<u8>, length: usize) -> io::Result<bool> {
     let missing = length - message.len();
     Ok(section.by_ref().take(missing as u64).read_to_end(message)? == missing)
 }
 
-/// Whether the content of a message is as long as the lengths in it say.
+/// Whether the content of a message is as long as the lengths inside it state.
 fn lengths_fit(kind: u8, content: &[u8]) -> bool {
     match kind {
         // Subscription: instance, number, and a name that may be empty.
         b'A' => content.len() >= 3,
         // Parameter: length of its name, the name, the value.
         b'P' => content.first().is_some_and(|name| content.len() > usize::from(*name)),
-        // The parser checks all others.
+        // The parser checks all other kinds.
         _ => true,
     }
 }

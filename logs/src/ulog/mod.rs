@@ -1,7 +1,7 @@
 //! PX4 ULog: signals `topic.field`, array elements `topic.field[2]`, further instances of a topic `topic.1.field`.
 //!
-//! The format is taken apart by the `px4-ulog` crate of the PX4 project, behind a check of the lengths that it trusts. ULog states no units: a mapping does, where
-//! they are not SI. Time is the samples' own `timestamp`.
+//! The format is parsed by the `px4-ulog` crate of the PX4 project, after a check of the lengths that it trusts.
+//! ULog states no units: a mapping states them where they are not SI. Time is the samples' own `timestamp`.
 
 mod framing;
 
@@ -30,7 +30,7 @@ pub enum UlogError {
         /// What is wrong.
         reason: String,
     },
-    /// Its signals do not make a record.
+    /// The signals cannot form a record.
     #[error(transparent)]
     Multi(#[from] MultiError),
 }
@@ -54,7 +54,7 @@ pub fn ulog_topics(path: &Path) -> Result<Topics, UlogError> {
     Ok(Topics { by_name, remarks: remark.into_iter().collect() })
 }
 
-/// Reads the mapped signals of a ULog onto the clock of the fastest of them.
+/// Reads the mapped signals of a ULog and resamples them to the clock of the fastest one.
 ///
 /// # Errors
 /// [`UlogError`].
@@ -78,7 +78,7 @@ pub fn read_ulog(path: &Path, mappings: &[Mapping]) -> Result<Record, UlogError>
     Ok(collector.finish(&remark.into_iter().collect::<Vec<_>>())?)
 }
 
-/// Visits every sample, and says how the file ends when not as a finished one does.
+/// Visits every sample. Returns a remark if the file does not end like a finished one.
 fn each(path: &Path, visit: &mut dyn FnMut(&DataMessage<'_>)) -> Result<Option<String>, UlogError> {
     let failed = |reason: String| UlogError::Read { path: path.into(), reason };
     let mut file = BufReader::new(File::open(path).map_err(|e| failed(e.to_string()))?);
@@ -104,13 +104,13 @@ fn topic_name(message: &DataMessage<'_>) -> String {
     }
 }
 
-/// Time of a sample; the format has it in microseconds.
+/// Time of a sample, ns; the format stores microseconds.
 fn time_ns(message: &DataMessage<'_>) -> Option<u64> {
     let offset = message.flattened_format.timestamp_field.as_ref()?.offset;
     Some(unsigned::<8>(message.data.get(offset.into()..)?)?.saturating_mul(1000))
 }
 
-/// Texts are no signals, and the time is the time.
+/// Whether a field is a signal: texts are not, and the time field is the time axis.
 fn is_signal(field: &FlattenedField) -> bool {
     field.field_type != Type::Char && field.flattened_field_name != "timestamp"
 }

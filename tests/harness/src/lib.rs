@@ -22,7 +22,8 @@ pub use betaflight::{Betaflight, betaflight_sitl};
 pub use prerequisite::{Missing, browser, data, python, python_with};
 pub use undisturbed::{in_real_time, undisturbed, wait_for_rest};
 
-/// What a test returns: nothing, or what the machine lacks. A failure is a panic, as in any test.
+/// The result of a test: nothing, or the prerequisite that the machine lacks. A failure is a panic, as in any
+/// test.
 pub type Outcome = Result<(), Missing>;
 
 /// A test and its name.
@@ -40,10 +41,10 @@ impl Test {
 
 /// What the body of a test may return.
 pub trait IntoOutcome {
-    /// As an outcome.
+    /// Converts to an outcome.
     ///
     /// # Errors
-    /// What the machine lacks.
+    /// The prerequisite that the machine lacks.
     fn into_outcome(self) -> Outcome;
 }
 
@@ -59,7 +60,7 @@ impl IntoOutcome for Outcome {
     }
 }
 
-/// Runs those of the tests that the command line asks for.
+/// Runs the tests that the command line selects.
 pub fn run(tests: Vec<Test>) -> ExitCode {
     let in_ci = std::env::var_os("CI").is_some_and(|value| !value.is_empty());
     let trials = tests

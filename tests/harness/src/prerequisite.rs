@@ -1,11 +1,11 @@
-//! What tests need of a machine.
+//! Prerequisites of tests on the machine.
 
 use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-/// What a machine lacks, and what to do about it.
+/// A missing prerequisite, and its remedy.
 #[derive(Debug)]
 pub struct Missing {
     what: String,
@@ -14,12 +14,12 @@ pub struct Missing {
 }
 
 impl Missing {
-    /// Something that a machine can be given. `what` reads `no ...`, `remedy` says how.
+    /// A prerequisite that can be installed. `what` reads `no ...`, `remedy` says how.
     pub fn installable(what: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { what: what.into(), why: remedy.into(), can_be_installed: true }
     }
 
-    /// Something that no CI can give this machine, for the reason `why`.
+    /// A prerequisite that no CI can provide on this machine, for the reason `why`.
     pub fn beyond_this_machine(what: impl Into<String>, why: impl Into<String>) -> Self {
         Self { what: what.into(), why: why.into(), can_be_installed: false }
     }

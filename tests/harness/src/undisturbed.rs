@@ -1,4 +1,4 @@
-//! Tests of what has to be on time, on a virtual machine whose processors are taken away now and then.
+//! Tests of timing, on a virtual machine whose processors are sometimes taken away.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::thread::sleep;
@@ -10,13 +10,13 @@ use crate::{Missing, Outcome};
 /// with two processors that is 0.4 s in all, longer than the shortest time limits of this project's nodes.
 const DISTURBED_SHARE: f64 = 0.02;
 
-/// How often a test is tried, at most.
+/// Most attempts of a test.
 const ATTEMPTS: usize = 4;
 
-/// Over this time the host's share is counted to tell whether it is at rest.
+/// Time over which the host's share is counted to determine whether it is at rest.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// How long to wait for a host at rest, at most.
+/// Longest wait for a host at rest.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Runs a test that measures what real time costs. If it fails while the host takes the processors away, this machine
@@ -36,8 +36,8 @@ pub fn in_real_time(test: impl FnOnce()) -> Outcome {
     Err(Missing::beyond_this_machine("no processors of its own", why))
 }
 
-/// Returns when the host leaves the processors alone, or when [`PATIENCE`] is at its end. The kernel counts the time that
-/// others had and tells nobody when it changes, so it is asked every second.
+/// Returns when the host leaves the processors alone, or after [`PATIENCE`]. The kernel counts the time taken by
+/// others but gives no notice of changes, so it is read every second.
 pub fn wait_for_rest() {
     let until = Instant::now() + PATIENCE;
     while Instant::now() < until {

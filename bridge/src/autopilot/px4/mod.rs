@@ -6,7 +6,6 @@
 //!
 //! A board speaks to a ground station over the same line, which has its own port here ([`STATION`]). Software in the
 //! loop has separate links, of which one is received ([`TELEMETRY`]). Both contain the reasons why it does not arm.
-//!
 //! Source: <https://docs.px4.io/main/en/simulation/#simulator-mavlink-api>,
 //! <https://mavlink.io/en/messages/common.html>.
 

@@ -1,4 +1,4 @@
-//! What is hidden in a flight: one of twelve effects, with a place, a size and a begin drawn evenly.
+//! The effect hidden in a flight: one of twelve, with uniformly drawn location, size and onset.
 
 use whirlstand_mirror::Cause;
 use whirlstand_nodes::flight::Onset;
@@ -20,7 +20,7 @@ pub(super) const EFFECTS: [&str; 12] = [
     "backlash",
 ];
 
-/// When an effect begins, s.
+/// Least and greatest onset time of an effect, s.
 const BEGINS_S: (f64, f64) = (8.0, 14.0);
 
 /// Name of the vehicle that an effect is hidden in.
@@ -28,10 +28,10 @@ pub(super) fn vehicle_of(what: &str) -> &'static str {
     if what == "mode transition" { "helicopter-hover" } else { "quadrotor" }
 }
 
-/// Draws what is hidden. `spans`: least and greatest value that each input has had in a clean flight.
+/// Draws a hidden effect. `spans`: least and greatest value of each input in a clean flight.
 ///
 /// # Errors
-/// When the table of effects refuses it.
+/// When the table of effects refuses the drawn values.
 pub(super) fn draw(
     what: &str,
     vehicle: &Vehicle,
@@ -74,7 +74,8 @@ pub(super) fn draw(
     Ok(Onset { effect, step: (between(BEGINS_S.0, BEGINS_S.1) / period_s) as u64 })
 }
 
-/// Whether a cause is what is hidden: told, or told beside what looks the same.
+/// Whether a named cause is the hidden effect: named itself, or listed as indistinguishable from the named
+/// one.
 pub(super) fn is_right(cause: &Cause, hidden: &Effect) -> bool {
     let same = |kind: Kind, place: &str| kind == hidden.kind() && place == hidden.place();
     let told = same(cause.effect.kind(), cause.effect.place())
@@ -82,7 +83,7 @@ pub(super) fn is_right(cause: &Cause, hidden: &Effect) -> bool {
     told || cause.indistinguishable.iter().any(|(kind, place)| same(*kind, place))
 }
 
-/// An effect in words: what, where, and its values.
+/// An effect in words: its kind, its location and its values.
 pub(super) fn text(effect: &Effect) -> String {
     let values = effect.parameters().map(|(name, value)| format!(" {name} {value:.4}")).collect::<String>();
     format!(

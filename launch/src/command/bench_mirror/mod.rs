@@ -1,4 +1,5 @@
-//! `whirlstand bench mirror`: how soon the mirror says that something has changed, what it calls it, and how often for nothing.
+//! `whirlstand bench mirror`: measures the detection delay of the mirror, the cause that it names, and its rate of
+//! false alarms.
 
 mod hidden;
 mod tally;
@@ -21,7 +22,7 @@ use crate::style;
 /// Numbers of one seed: flight K has the number SEED 000000 + K.
 const NUMBERS_PER_SEED: u64 = 1_000_000;
 
-/// Longest clean flight, s: longer ones are several.
+/// Longest clean flight, s; a longer time is divided into several flights.
 const CLEAN_S: f64 = 900.0;
 
 /// Vehicle of the clean flights.
@@ -32,7 +33,8 @@ enum Flown {
     Clean(Clean),
 }
 
-/// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: what was done by then is told.
+/// Runs the command. The exit code is 1 when a goal is missed and 130 when it was interrupted; the flights
+/// finished by then are reported.
 pub(crate) fn bench_mirror(args: &BenchMirrorArgs) -> Result<ExitCode, Failure> {
     let names = names(args)?;
     let first = args
@@ -49,7 +51,7 @@ pub(crate) fn bench_mirror(args: &BenchMirrorArgs) -> Result<ExitCode, Failure> 
     let period_s = hangars[CLEAN].period_s();
     let steps = (3600.0 * args.clean / period_s) as u64;
     let longest = (CLEAN_S / period_s) as u64;
-    // The long ones first, so that no thread is left alone with one at the end.
+    // The long flights come first, so that no thread is left alone with one at the end.
     let (clean, hidden) = (steps.div_ceil(longest.max(1)), args.trials * names.len() as u64);
     let todo: Vec<u64> = (0..clean + hidden).collect();
     let fly = |index: u64| {
@@ -114,7 +116,7 @@ fn report(args: &BenchMirrorArgs, tally: &Tally) -> Result<(), Failure> {
     print(&text)
 }
 
-/// The effects that are asked for, as the table names them.
+/// Names of the effects that the user asked for, as in the table.
 fn names(args: &BenchMirrorArgs) -> Result<Vec<&'static str>, Failure> {
     if args.effects.is_empty() {
         return Ok(EFFECTS.to_vec());
@@ -128,7 +130,7 @@ fn names(args: &BenchMirrorArgs) -> Result<Vec<&'static str>, Failure> {
     args.effects.iter().map(known).collect()
 }
 
-/// The call as it can be repeated.
+/// The command line that repeats this measurement.
 fn call(args: &BenchMirrorArgs) -> String {
     let mut call = format!(
         "whirlstand bench mirror --trials {} --clean {} --seed {}",

@@ -1,4 +1,4 @@
-//! What the flights say together.
+//! Statistics over all flights of the measurement.
 
 use serde::Serialize;
 use whirlstand_campaign::Proportion;
@@ -6,30 +6,31 @@ use whirlstand_logs::stats;
 
 use super::trial::{Clean, NAMED_S, Trial};
 
-/// Largest bound on the delay for which a name is asked for: half of the time is for the alarm, s.
+/// Largest bound on the detection delay for which a right name is required, s: half of the time is left for
+/// the name.
 const SUFFICIENT_S: f64 = 0.5 * NAMED_S;
 
-/// Goals: least share of right names among the flights whose information suffices, most wrong names among all, most false
-/// alarms an hour.
+/// Goals: least share of right names among the flights with sufficient information, largest share of wrong names
+/// among all flights, most false alarms per hour.
 const LEAST_RIGHT: f64 = 0.9;
 const MOST_WRONG: f64 = 0.02;
 const MOST_FALSE_PER_H: f64 = 0.1;
 
-/// Goal of the share of a core at 1 kHz, and the time of a step that it allows, us.
+/// Goals: largest share of a core at 1 kHz, and the time per step that it allows, us.
 const MOST_CPU: f64 = 0.2;
 
-/// All results of a call.
+/// All results of one call.
 #[derive(Debug, Serialize)]
 pub(super) struct Tally {
     /// `whirlstand.bench-mirror.v1`.
     pub schema: &'static str,
-    /// The call as it can be repeated.
+    /// The command line that repeats this measurement.
     pub call: String,
-    /// Of each effect, and of all together last.
+    /// Results of each effect, and of all effects together in the last row.
     pub effects: Vec<Row>,
-    /// Of the flights without an effect.
+    /// Results of the flights without an effect.
     pub clean: Option<CleanRow>,
-    /// What is asked for.
+    /// The goals and whether they are met.
     pub goals: Vec<Goal>,
     /// Every flight with an effect.
     pub trials: Vec<Trial>,
@@ -37,64 +38,64 @@ pub(super) struct Tally {
     pub clean_flights: Vec<Clean>,
 }
 
-/// The flights with an effect.
+/// Results of the flights with one effect.
 #[derive(Debug, Serialize)]
 pub(super) struct Row {
-    /// Which of the twelve.
+    /// Name of the effect, one of the twelve.
     pub effect: String,
-    /// Flights.
+    /// Number of flights.
     pub flights: u64,
-    /// Said to be wrong, rightly.
+    /// Flights in which the change was detected after its onset.
     pub detected: u64,
-    /// Said to be wrong before it was.
+    /// Flights with an alarm before the onset.
     pub false_before: u64,
-    /// Flights whose bound leaves half of the time for a name.
+    /// Flights with sufficient information: their bound on the delay leaves half of the time for a name.
     pub sufficient: u64,
-    /// Right name 10 s after the begin, of the sufficient flights.
+    /// Share of right names 10 s after the onset among the flights with sufficient information.
     pub right: Proportion,
-    /// Wrong name 10 s after the begin, of all.
+    /// Share of wrong names 10 s after the onset among all flights.
     pub wrong: Proportion,
-    /// A wrong name on the way, of all.
+    /// Share of all flights in which a wrong name was given at any time.
     pub wrong_ever: Proportion,
-    /// No name 10 s after the begin, of all.
+    /// Number of flights without a name 10 s after the onset.
     pub unnamed: u64,
-    /// Median time from the begin until it was said to be wrong, s.
+    /// Median time from the onset to the alarm, s.
     pub delay_s: Option<f64>,
-    /// Median of the least delay that is possible, s.
+    /// Median of the lower bound on the detection delay, s.
     pub bound_s: Option<f64>,
-    /// Median of the information a second.
+    /// Median information per second.
     pub information_per_s: Option<f64>,
-    /// Median time from the begin until the right name, s.
+    /// Median time from the onset to the right name, s.
     pub named_s: Option<f64>,
 }
 
-/// The clean flights.
+/// Results of the clean flights.
 #[derive(Debug, Serialize)]
 pub(super) struct CleanRow {
-    /// Flown, h.
+    /// Time flown, h.
     pub hours: f64,
-    /// False alarms.
+    /// Number of false alarms.
     pub alarms: u64,
-    /// An hour, with the exact interval of a Poisson count (95 %).
+    /// False alarms per hour, with the exact interval of a Poisson count (95 %).
     pub per_h: f64,
     pub low_per_h: f64,
     pub high_per_h: f64,
-    /// Time that the mirror took for a step, us.
+    /// Time that the mirror took per step, us.
     pub step_us: f64,
 }
 
-/// A goal.
+/// A goal of the measurement.
 #[derive(Debug, Serialize)]
 pub(super) struct Goal {
-    /// What is asked for.
+    /// The goal in words.
     pub goal: String,
-    /// What there is.
+    /// The measured value.
     pub value: f64,
-    /// Whether it is met.
+    /// Whether the goal is met.
     pub met: bool,
 }
 
-/// None where there are no values.
+/// Median of the values; `None` where there are none.
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let values: Vec<f64> = values.collect();
     (!values.is_empty()).then(|| stats::median(&values))
@@ -157,7 +158,7 @@ impl CleanRow {
         if steps == 0 {
             return None;
         }
-        // With weights of one the interval of a rare event's share is the exact one of its count.
+        // With weights of one, the interval of a rare event's share is the exact interval of its count.
         let share = Proportion::weighted(&vec![1.0; alarms as usize], steps, 1.0);
         let steps_per_h = 3600.0 / period_s;
         Some(Self {
@@ -186,7 +187,7 @@ impl CleanRow {
 }
 
 impl Tally {
-    /// Sums up; flights in the order of their numbers.
+    /// Computes the statistics; `trials` and clean flights come in the order of their numbers.
     pub fn new(
         call: String,
         names: &[&'static str],
@@ -243,7 +244,7 @@ impl Tally {
         }
     }
 
-    /// The table and the goals.
+    /// The table and the goals as text.
     pub fn text(&self) -> String {
         let mut text = format!("{}\n\n", self.call);
         if !self.effects.is_empty() {

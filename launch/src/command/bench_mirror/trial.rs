@@ -1,4 +1,4 @@
-//! Flights that the mirror listens to: with an effect that begins at a random time, and without any.
+//! Flights monitored by the mirror: with an effect that begins at a random time, and without an effect.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -14,67 +14,67 @@ use super::hidden::{draw, is_right, text, vehicle_of};
 use crate::command::design::controller_plan;
 use crate::error::Failure;
 
-/// Time from the begin of an effect until what the mirror says counts, s.
+/// Time after the onset of an effect at which the mirror's finding is judged, s.
 pub(super) const NAMED_S: f64 = 10.0;
 
-/// Mean time between false alarms that a bound on the delay is for, s: the mirror's own.
+/// Mean time between false alarms for which the bound on the delay holds, s: that of the mirror itself.
 const BETWEEN_FALSE_ALARMS_S: f64 = 360_000.0;
 
-/// Largest attitude that is asked for, rad, and the shortest and longest time from one setpoint to the next, s.
+/// Largest attitude setpoint, rad, and the shortest and longest time between two setpoints, s.
 const ASKED_RAD: f64 = 0.09;
 const SETPOINTS_S: (f64, f64) = (1.0, 3.0);
 
-/// Length of the clean flight from which the range of each input is taken, and of its start that is left out, s.
+/// Start and end of the part of a clean flight from which the range of each input is taken, s.
 const RANGE_S: (f64, f64) = (0.5, 8.0);
 
-/// A vehicle under its law, ready for many flights.
+/// A vehicle and its law, ready for many flights.
 pub(super) struct Hangar {
     config: NodeConfig,
     pilot: Pilot,
     period_s: f64,
 }
 
-/// What a flight with a hidden effect came to.
+/// Result of a flight with a hidden effect.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Trial {
-    /// Number of the flight, which is the seed of all that is random in it.
+    /// Number of the flight, which is the seed of all its random numbers.
     pub number: u64,
-    /// Which of the twelve.
+    /// Name of the effect, one of the twelve.
     pub what: &'static str,
-    /// What was hidden, in words.
+    /// The hidden effect in words.
     pub hidden: String,
-    /// Begin of the effect, s.
+    /// Onset of the effect, s.
     pub begin_s: f64,
-    /// Time from the begin until prediction was said to be wrong, s.
+    /// Time from the onset to the alarm, s.
     pub detected_s: Option<f64>,
-    /// The same for the best of all tests (Lorden), s.
+    /// Lower bound on that time for any test (Lorden), s.
     pub bound_s: Option<f64>,
-    /// Log-likelihood ratio of the hidden effect a second.
+    /// Log-likelihood ratio of the hidden effect per second.
     pub information_per_s: Option<f64>,
-    /// It was said to be wrong before it was.
+    /// Whether there was an alarm before the onset.
     pub false_before: bool,
-    /// What stands at the end of the flight is right; none when nothing stands.
+    /// Whether the finding at the end of the flight is right; `None` without a finding.
     pub right: Option<bool>,
-    /// Something wrong was named on the way.
+    /// Whether a wrong cause was named at any time.
     pub wrong_ever: bool,
-    /// Time from the begin until what stands was named, s.
+    /// Time from the onset to the finding that holds at the end, s.
     pub named_s: Option<f64>,
-    /// All that was said, with the time since the begin.
+    /// All findings, each with the time since the onset.
     pub said: Vec<String>,
 }
 
-/// What a clean flight came to.
+/// Result of a clean flight.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Clean {
     /// Number of the flight.
     pub number: u64,
     /// Steps flown.
     pub steps: u64,
-    /// Findings: number of times that prediction was said to be wrong.
+    /// Number of alarms: times at which the mirror said that prediction is wrong.
     pub alarms: u64,
     /// Time that the mirror took, s.
     pub spent_s: f64,
-    /// What was said.
+    /// The findings.
     pub said: Vec<String>,
 }
 
@@ -82,7 +82,7 @@ impl Hangar {
     /// A built-in vehicle under LQR.
     ///
     /// # Errors
-    /// [`Failure`] for a rate at which it cannot fly.
+    /// [`Failure`] for a rate at which the vehicle cannot fly.
     pub fn new(vehicle: &str, rate_hz: f64) -> Result<Self, Failure> {
         let mut config = controller_plan(vehicle, "lqr", rate_hz, &[])?.config;
         config.plant.engine = Engine::Flying;
@@ -95,7 +95,7 @@ impl Hangar {
         self.period_s
     }
 
-    /// The bench of a flight: setpoints of roll and pitch that move at random.
+    /// The bench of a flight, with random setpoints of roll and pitch.
     fn bench(&self, number: u64, steps: u64) -> NodeConfig {
         let mut config = self.config.clone();
         (config.seed, config.steps) = (number, steps);
@@ -134,10 +134,10 @@ impl Hangar {
         Ok(ranges)
     }
 
-    /// Flies with an effect that is drawn by the flight's number.
+    /// Flies with an effect that is drawn with the flight's number as the seed.
     ///
     /// # Errors
-    /// When the flight fails otherwise than by losing the vehicle.
+    /// When the flight fails for another reason than the loss of the vehicle.
     pub fn hide(&self, what: &'static str, number: u64) -> Result<Trial, Failure> {
         let vehicle = self.pilot.vehicle();
         let mut stream = Stream::new(number, what);
@@ -153,7 +153,7 @@ impl Hangar {
             step += 1;
         });
         match flown {
-            // What was said until it was lost counts.
+            // Findings before the loss of the vehicle count.
             Ok(_) | Err(whirlstand_nodes::NodeError::Diverged { .. }) => {}
             Err(error) => return Err(Failure::Run(format!("flight {number} with {what}: {error}"))),
         }
@@ -175,7 +175,7 @@ impl Hangar {
         })
     }
 
-    /// Flies so many steps without any effect.
+    /// Flies `steps` steps without an effect.
     ///
     /// # Errors
     /// When the flight fails.
@@ -204,13 +204,13 @@ pub(super) fn hangar_of<'a>(what: &str, hangars: &'a BTreeMap<&'static str, Hang
     hangars.get(vehicle_of(what))
 }
 
-/// What a mirror said of a flight.
+/// The findings of a mirror in one flight.
 struct Heard<'a> {
     onset: &'a Onset,
     period_s: f64,
     detected: Option<u64>,
     early: bool,
-    /// When the cause that stands was told, and whether it is right.
+    /// Step at which the current cause was named, and whether it is right.
     stands: Option<(u64, bool)>,
     wrong_ever: bool,
     said: Vec<String>,
@@ -239,7 +239,7 @@ impl<'a> Heard<'a> {
             Stage::Named | Stage::Revised => {
                 let right = right.unwrap_or(false);
                 self.wrong_ever |= !right;
-                // What is named right and sharpened later was named then.
+                // A cause that was named right and refined later counts from its first naming.
                 let since = self.stands.filter(|s| s.1 && right).map_or(finding.step, |s| s.0);
                 self.stands = Some((since, right));
             }
@@ -259,18 +259,19 @@ fn line(finding: &Finding, begin: u64, period_s: f64) -> String {
     format!("{:.2} s {:?} since {:.3} s{cause}", since(finding.step), finding.stage, since(finding.since))
 }
 
-/// The least delay on average of any detection of this size with so few false alarms (Lorden, Ann. Math. Stat. 42, 1971): where
-/// the log-likelihood ratio passes the logarithm of the steps between false alarms, s. `None` when the flight ends before.
+/// Lower bound on the mean detection delay, s, of any test with so few false alarms, for a change of this size
+/// (Lorden, Ann. Math. Stat. 42, 1971): the time at which the log-likelihood ratio exceeds the logarithm of the
+/// number of steps between false alarms. `None` when the flight ends before.
 fn bound(vehicle: &Vehicle, hidden: &Effect, evidence: Option<&[f64]>, period_s: f64) -> Option<f64> {
     let asked = (BETWEEN_FALSE_ALARMS_S / period_s).ln();
     match hidden.kind() {
         Kind::Noise => {
             let noise = vehicle.outputs[vehicle.output_index(hidden.place())?].noise;
             let variance = 1.0 + (hidden.parameter("std")? / noise).powi(2);
-            // The Kullback-Leibler divergence of a sample.
+            // The Kullback-Leibler divergence per sample.
             Some(asked / (0.5 * (variance - 1.0 - variance.ln())) * period_s)
         }
-        // A value that repeats is certain within two steps.
+        // A repeated value is certain within two steps.
         Kind::Dropouts => Some(2.0 * period_s),
         _ => {
             let passed = evidence?.iter().position(|sum| *sum >= asked)?;

@@ -1,47 +1,47 @@
-//! What comes of a cell.
+//! The result of one cell of the measurement.
 
 use serde::{Deserialize, Serialize};
 
 use crate::tune::LawFigures;
 
-/// What came of a cell, a line of `cells.jsonl`.
+/// The result of a cell, which is a line of `cells.jsonl`.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Cell {
     /// Vehicle, law and effect.
     pub cell: String,
-    /// Who keeps the time of flights over processes; absent for flights in one thread.
+    /// Mode of the clock for flights over processes; absent for flights in one thread.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub processes: Option<String>,
-    /// What was flown.
+    /// The result of the flights.
     pub result: Answer,
-    /// Time that it took, s.
+    /// Wall-clock time of the cell, s.
     pub wall_s: f64,
 }
 
-/// What a cell came to.
+/// How a cell ended.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Answer {
-    /// It was flown to its end.
+    /// The cell was flown to its end.
     Flown(Box<Outcome>),
-    /// Why it was not.
+    /// The reason why the cell was not flown to its end.
     Failed(String),
 }
 
-/// What three laws cost on the truth.
+/// Costs of the laws on the true vehicle.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Outcome {
-    /// What the diagnosis named.
+    /// Causes that the diagnosis named.
     pub named: Vec<String>,
-    /// The new law is kept.
+    /// Whether the new law is kept.
     pub kept: bool,
-    /// The old law.
+    /// Result of the old law.
     pub before: OnTruth,
-    /// The law of `tuned.toml`.
+    /// Result of the law in `tuned.toml`.
     pub after: OnTruth,
-    /// The new law, kept or not.
+    /// Result of the new law, kept or not.
     pub new: OnTruth,
-    /// The law that was designed on the truth.
+    /// Result of the law designed on the true vehicle.
     pub designed: OnTruth,
     /// (before - after) / (before - designed), of the median costs.
     pub share: Option<f64>,
@@ -51,17 +51,17 @@ pub(super) struct Outcome {
     pub designed_over_before_high: Option<f64>,
 }
 
-/// A law on the truth.
+/// Result of a law on the true vehicle.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(super) struct OnTruth {
     /// Median cost; absent when the vehicle was lost on all seeds.
     pub cost: Option<f64>,
-    /// Share of the seeds on which it was lost.
+    /// Share of the seeds on which the vehicle was lost.
     pub lost: f64,
 }
 
 impl OnTruth {
-    /// What its flights came to.
+    /// From the figures of the flights of one law.
     pub fn of(figures: &LawFigures) -> Self {
         Self { cost: figures.cost.map(|c| c.median), lost: figures.probability_unstable.share }
     }

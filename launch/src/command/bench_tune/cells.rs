@@ -1,4 +1,4 @@
-//! What is flown: every vehicle of the paper, every law, every effect that belongs to a vehicle, and Figure 12.
+//! The cells: every vehicle of the paper, every law, every effect that belongs to a vehicle, and Figure 12.
 
 use crate::error::Failure;
 
@@ -6,10 +6,11 @@ const VEHICLES: [&str; 4] =
     ["quadrotor", "helicopter-hover", "helicopter-longitudinal", "helicopter-lateral"];
 const LAWS: [&str; 3] = ["lqr", "ppc", "smc"];
 
-/// The paper's quadrotor in its Figure 12: held level by hand and by sliding mode, with an IMU that is not mounted level.
+/// The paper's quadrotor of Figure 12: held level by hand and by sliding mode, with an IMU that is not mounted
+/// level.
 const FIGURE_12: &str = "figure-12";
 
-/// Effects of the table at sizes that matter: name, place, parameters.
+/// Effects of the table at sizes that matter: name, location, parameters.
 const EFFECTS: [(&str, &str, &str); 25] = [
     ("input_delay", "u_roll", "delay_s = 0.3"),
     ("actuator_lag", "u_roll", "time_constant_s = 0.3"),
@@ -38,7 +39,7 @@ const EFFECTS: [(&str, &str, &str); 25] = [
     ("dropouts", "roll", "fraction = 0.5"),
 ];
 
-/// Steps of the setpoint, which move both inputs.
+/// Setpoint steps that excite both inputs: time, s, and values.
 const ANGLES: [(f64, &str); 6] = [
     (1.0, "roll = '8 deg'"),
     (5.0, "roll = '-8 deg'\npitch = '5 deg'"),
@@ -54,10 +55,10 @@ const POSITIONS: [(f64, &str); 4] = [
     (22.0, "lateral_position = 0.0"),
 ];
 
-/// A flight in this thread, with a clock that waits.
+/// Lines of a launch file for a flight in lockstep in this thread.
 pub(super) const IN_THIS_THREAD: &str = "mode = 'lockstep'\ntransport = 'inproc'";
 
-/// By hand, the stick moves both axes.
+/// Stick steps of a flight by hand, which excite both axes.
 const STICK: [(f64, &str); 9] = [
     (2.0, "u_roll = 2.0"),
     (2.5, "u_roll = -2.0"),
@@ -73,18 +74,18 @@ const STICK: [(f64, &str); 9] = [
 const GUST: (&str, &str, &str) =
     ("pulse_disturbance", "roll_rate", "at_s = 26.0\nduration_s = 0.2\nmagnitude = '60 deg/s^2'");
 
-/// Both angles of the IMU.
+/// Offsets of both angles of the IMU.
 const OFFSETS: [(&str, &str, &str); 2] =
     [("sensor_bias", "roll", "offset = '3 deg'"), ("sensor_bias", "pitch", "offset = '-2 deg'")];
 
-/// A vehicle that flies with a hidden effect under a law.
+/// A vehicle with a hidden effect under a law.
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
-    /// Built-in vehicle, or Figure 12.
+    /// Name of the built-in vehicle, or Figure 12.
     pub vehicle: &'static str,
-    /// Law of the record.
+    /// Law that flies the record.
     pub law: &'static str,
-    /// What is hidden.
+    /// Name of the hidden effect.
     pub effect: &'static str,
     hidden: Vec<(&'static str, &'static str, &'static str)>,
 }
@@ -110,7 +111,7 @@ pub(super) fn scenes() -> Vec<Scene> {
     table.chain(figure).collect()
 }
 
-/// The scenes that are asked for: those that have all words of one of `only`.
+/// The scenes that the user asked for: those that contain all words of one entry of `only`.
 ///
 /// # Errors
 /// For words that no scene has.
@@ -136,17 +137,17 @@ impl Scene {
         format!("{}/{}/{}", self.vehicle, self.law, self.effect)
     }
 
-    /// Built-in vehicle file.
+    /// Name of the built-in vehicle file.
     pub fn vehicle_file(&self) -> &'static str {
         if self.vehicle == FIGURE_12 { "quadrotor" } else { self.vehicle }
     }
 
-    /// What is flown by hand is flown by sliding mode afterwards, as in the paper.
+    /// Law of the later flights. A record flown by hand is flown by sliding mode afterwards, as in the paper.
     pub fn law_afterwards(&self) -> &'static str {
         if self.law == "manual" { "smc" } else { self.law }
     }
 
-    /// The launch file of the record under a law; `how` are the lines that say who keeps the time.
+    /// The launch file of the record under a law; `how` holds the lines on mode and transport.
     pub fn launch(&self, law: &str, how: &str) -> String {
         let (kind, steps): (_, &[(f64, &str)]) = match (self.vehicle, self.law) {
             (FIGURE_12, "manual") => ("stick", &STICK),
@@ -165,7 +166,7 @@ impl Scene {
         )
     }
 
-    /// What the vehicle file lacks.
+    /// TOML tables of the hidden effects, which the vehicle file does not contain.
     pub fn hidden_tables(&self) -> String {
         self.hidden.iter().map(|effect| table_of(*effect)).collect()
     }

@@ -1,4 +1,5 @@
-//! `whirlstand bench tune`: what a tuning from one record is worth on a vehicle whose truth is known.
+//! `whirlstand bench tune`: measures the benefit of a tuning from one record on a vehicle whose truth is
+//! known.
 
 mod answer;
 mod cell;
@@ -18,13 +19,14 @@ use super::{INTERRUPTED, print, tell, write};
 use crate::cli::{BenchTuneArgs, ModeArg};
 use crate::error::Failure;
 
-/// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: cells that were flown by then are kept.
+/// Runs the command. The exit code is 1 when a goal is missed and 130 when it was interrupted; cells that were
+/// flown by then are kept.
 pub(crate) fn bench_tune(args: &BenchTuneArgs) -> Result<ExitCode, Failure> {
     let scenes = wanted(&args.only)?;
     let journal = args.out.join("cells.jsonl");
     let processes = args.processes.map(|mode| Processes { mode, seeds: args.seeds });
     let mut cells = read(&journal)?;
-    // What others flew is a table of its own.
+    // Cells flown in another mode belong to a table of their own.
     cells.retain(|cell| cell.processes.as_deref() == args.processes.map(ModeArg::word));
     if !args.table {
         for scene in &scenes {
@@ -58,7 +60,7 @@ fn line(cell: &Cell) -> String {
     format!("{}  {said}  ({:.0} s)\n", cell.cell, cell.wall_s)
 }
 
-/// The cells that were flown before.
+/// Reads the cells of an earlier call.
 fn read(path: &Path) -> Result<Vec<Cell>, Failure> {
     let text = match std::fs::read_to_string(path) {
         Ok(text) => text,
@@ -77,7 +79,7 @@ fn read(path: &Path) -> Result<Vec<Cell>, Failure> {
     text.lines().enumerate().map(parse).collect()
 }
 
-/// One more cell in the file, at once.
+/// Appends one cell to the file at once.
 fn append(path: &PathBuf, cell: &Cell) -> Result<(), Failure> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|e| Failure::file("make the folder", folder, &e))?;

@@ -1,6 +1,6 @@
-//! The flights of a cell over processes: a node for plant, filter, law and recorder each, on the bus.
+//! The flights of a cell over processes: plant, filter, law and recorder are separate nodes on the bus.
 //!
-//! What is judged is what the log says, so that it is the same for a clock that waits and for one that does not.
+//! The flights are judged by their logs, in the same way in lockstep and in real time.
 
 use std::path::{Path, PathBuf};
 
@@ -20,17 +20,17 @@ use crate::run::{Progress, fly, unique_bench};
 use crate::supervisor::Ending;
 use crate::tune::{Tuning, compare_costs, cost};
 
-/// Seeds of the flights on the truth: none is that of the record.
+/// First seed of the flights on the true vehicle; none of them is the seed of the record.
 const FRESH: u64 = 1 << 16;
 
-/// Who keeps the time, and how often each law flies the truth.
+/// Mode of the clock, and number of flights of each law on the true vehicle.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Processes {
     pub mode: ModeArg,
     pub seeds: u64,
 }
 
-/// How a flight ended: with its log, by a signal, or by a node that failed.
+/// How a flight ended: with its log, by a signal, or by the failure of a node.
 enum Flown {
     Log(PathBuf),
     Interrupted,
@@ -38,12 +38,12 @@ enum Flown {
 }
 
 impl Processes {
-    /// What the launch files of these flights say of it.
+    /// Lines of the launch files of these flights.
     pub fn words(self) -> String {
         format!("mode = '{}'", self.mode.word())
     }
 
-    /// Flies the record, into `folder`. `Ok(None)` when a signal ended it.
+    /// Flies the record and writes its log into `folder`. `Ok(None)` when a signal ended it.
     pub fn record(self, launch: &str, folder: &Path) -> Result<Option<PathBuf>, Failure> {
         let found = find(launch)?;
         let planned = plan(&found.document, &found.name, &found.folder).map_err(Failure::mend)?;
@@ -54,8 +54,8 @@ impl Processes {
         }
     }
 
-    /// Flies the old law, that of `tuned.toml` and the one that is designed on `truth.toml` on the truth; the files and the
-    /// flights are in `folder`.
+    /// Flies three laws on the true vehicle: the old one, that of `tuned.toml` and the one designed on
+    /// `truth.toml`. Files and logs are written into `folder`.
     pub fn outcome(
         self,
         tuning: &Tuning,
@@ -110,7 +110,7 @@ fn with_seed(launch: &Path, seed: u64) -> Result<Plan, Failure> {
     plan(&document, &found.name, &found.folder).map_err(Failure::mend)
 }
 
-/// Flies a launch file, into `folder`.
+/// Flies a launch file and writes its log into `folder`.
 fn flown(planned: &Plan, folder: &Path) -> Result<Flown, Failure> {
     let claim = Claim::take(&unique_bench("bench-tune"))?;
     let out = OutFolder::given(folder)?;
@@ -128,7 +128,7 @@ fn flown(planned: &Plan, folder: &Path) -> Result<Flown, Failure> {
     })
 }
 
-/// The motion that a log tells of.
+/// The motion recorded in a log.
 fn motion(log: &Path, vehicle: &Vehicle) -> Result<Flight, Failure> {
     let (mut truths, mut setpoints): (Vec<Truth>, Vec<Setpoint>) = Default::default();
     let messages = Log::open(log).and_then(|log| log.bench_messages()).map_err(Failure::run)?;
@@ -143,7 +143,7 @@ fn motion(log: &Path, vehicle: &Vehicle) -> Result<Flight, Failure> {
     let mut flight = Flight::default();
     for m in &truths {
         let later = setpoints.partition_point(|s| s.head.stamp_ns <= m.head.stamp_ns);
-        // Before the first one arrives, it is what will be asked for first.
+        // Before the first setpoint arrives, the first one holds.
         let Some(setpoint) = setpoints.get(later.saturating_sub(1)) else { continue };
         flight.take(&m.x[..vehicle.states.len()], &m.u[..vehicle.inputs.len()], setpoint);
     }

@@ -1,4 +1,4 @@
-//! What the cells say together.
+//! Statistics over all cells.
 
 use serde::Serialize;
 use whirlstand_logs::stats;
@@ -6,28 +6,28 @@ use whirlstand_logs::stats;
 use super::answer::{Answer, Cell, OnTruth, Outcome};
 use super::cells::{Scene, scenes};
 
-/// There is something to gain where the law that knows the truth costs at least 5 % less, with its interval.
+/// A cell can gain where the law designed on the truth costs at least 5 % less, with its interval.
 const TO_GAIN: f64 = 0.95;
 
-/// Goal of the median share, and of each.
+/// Goals of the median share and of each share.
 const LEAST_SHARE: f64 = 0.9;
 
-/// All cells.
+/// All cells and their statistics.
 #[derive(Debug, Serialize)]
 pub(super) struct Tally {
     /// `whirlstand.bench-tune.v1`.
     pub schema: &'static str,
-    /// Cells in which there was something to gain.
+    /// Number of cells that can gain.
     pub to_gain: u64,
-    /// Median of their shares.
+    /// Median of the shares of those cells.
     pub median_share: Option<f64>,
     /// Cells among them with a share below the goal.
     pub missed: Vec<String>,
-    /// Cells in which the law of `tuned.toml` is worse than the one before, beyond its interval.
+    /// Cells in which the law of `tuned.toml` is worse than the old law, beyond its interval.
     pub worse: Vec<String>,
-    /// Cells in which the old law loses the vehicle and the one that knows the truth does not.
+    /// Cells in which the old law loses the vehicle and the law designed on the truth does not.
     pub savable: Vec<String>,
-    /// Those of them in which the law of `tuned.toml` loses it too.
+    /// Those of the savable cells in which the law of `tuned.toml` loses the vehicle too.
     pub unsaved: Vec<String>,
     /// Cells in which the old law was kept.
     pub kept_old: u64,
@@ -37,7 +37,7 @@ pub(super) struct Tally {
     pub cells: Vec<Cell>,
 }
 
-/// What a cell is worth.
+/// Class of a cell.
 enum Worth {
     Saved,
     Unsaved,
@@ -61,7 +61,7 @@ fn is_worse(o: &Outcome) -> bool {
 }
 
 impl Tally {
-    /// Of all cells, in the order of the table.
+    /// Computes the statistics of all cells, which are kept in the order of the table.
     pub fn new(mut cells: Vec<Cell>) -> Self {
         let order: Vec<String> = scenes().iter().map(Scene::name).collect();
         cells.sort_by_key(|cell| order.iter().position(|name| *name == cell.cell));
@@ -104,7 +104,7 @@ impl Tally {
             && [&self.worse, &self.unsaved, &self.failed].into_iter().all(Vec::is_empty)
     }
 
-    /// A table for each law in Markdown, and what it comes to.
+    /// A Markdown table for each law, and the summary.
     pub fn text(&self) -> String {
         let parts: Vec<Vec<&str>> = self.cells.iter().map(|c| c.cell.split('/').collect()).collect();
         let part = |k: usize| {
@@ -135,7 +135,7 @@ impl Tally {
         text + &self.summary()
     }
 
-    /// What the table comes to, and what stands behind each miss.
+    /// The summary of the table, with the causes behind each missed goal.
     pub fn summary(&self) -> String {
         let share = self.median_share.map_or("none".into(), |share| format!("{share:.2}"));
         let mut text = format!(
@@ -164,7 +164,7 @@ impl Tally {
     }
 }
 
-/// Costs before, after and of the law that knows the truth, and the share.
+/// A table entry: cost before, cost after, cost of the law designed on the truth, and the share.
 fn entry(cell: &Cell) -> String {
     let Answer::Flown(o) = &cell.result else { return "not flown".into() };
     let after = if o.kept { cost(&o.after) } else { "kept".into() };
@@ -185,7 +185,7 @@ fn cost(law: &OnTruth) -> String {
     }
 }
 
-/// What the diagnosis named in a cell, or why it was not flown.
+/// Causes that the diagnosis named in a cell, or the reason why the cell was not flown.
 fn behind(cell: &Cell) -> String {
     match &cell.result {
         Answer::Failed(why) => why.split_whitespace().collect::<Vec<_>>().join(" "),

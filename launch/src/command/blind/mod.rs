@@ -1,4 +1,5 @@
-//! `whirlstand blind`: what diagnosis finds of hidden effects, by trials whose answers are sealed while it runs.
+//! `whirlstand blind`: measures how well diagnosis finds hidden effects, by trials whose answers are sealed
+//! until the diagnosis has ended.
 
 mod parts;
 mod runner;
@@ -21,8 +22,8 @@ use crate::error::Failure;
 use crate::style;
 use crate::supervisor::Signals;
 
-/// Runs the command; exit code 1 when a goal is missed, 130 when it was interrupted: what was done by then is told. On
-/// SIGINT the trials that have begun come to their end; SIGTERM and a second signal drop them.
+/// Runs the command. The exit code is 1 when a goal is missed and 130 when it was interrupted; the trials finished
+/// by then are reported. On SIGINT the trials that have begun are finished; SIGTERM and a second signal drop them.
 pub(crate) fn blind(args: &BlindArgs) -> Result<ExitCode, Failure> {
     match &args.action {
         None => run(&args.run),
@@ -61,7 +62,7 @@ fn run(args: &BlindRunArgs) -> Result<ExitCode, Failure> {
         crate::style::say(&format!("interrupted: the results above cover {done} of {} trials", all.len()));
         return Ok(ExitCode::from(INTERRUPTED));
     }
-    // Whether a goal is met is a question to the whole.
+    // Whether a goal is met can be judged on the whole run only, not on a part.
     Ok(if is_part { ExitCode::SUCCESS } else { code })
 }
 
@@ -70,8 +71,8 @@ fn merge(args: &BlindMergeArgs) -> Result<ExitCode, Failure> {
     report(&args.out, &args.json, false, Results { tally, part: None })
 }
 
-/// Writes what is asked for and says the rest; exit code 1 when a goal is missed. `opened`: of every trial what was hidden and
-/// what was named.
+/// Writes the requested files and prints the rest. The exit code is 1 when a goal is missed. `opened`: for every
+/// trial, the hidden effect and the named causes.
 fn report(
     out: &Option<PathBuf>,
     json: &JsonArg,
@@ -106,7 +107,7 @@ fn report(
     Ok(ExitCode::from(u8::from(missed > 0)))
 }
 
-/// The trials of an earlier run of the same call and part.
+/// The trials of an earlier run of the same call and part, for resuming.
 fn earlier(path: &Path, args: &BlindRunArgs, part: Option<&Part>) -> Result<Vec<Scored>, Failure> {
     let mend = |why: String| Failure::Mend(format!("--resume {}: {why}", path.display()));
     let Results { tally, part: of } = Results::read(path).map_err(mend)?;
@@ -120,7 +121,7 @@ fn earlier(path: &Path, args: &BlindRunArgs, part: Option<&Part>) -> Result<Vec<
     Ok(tally.trials)
 }
 
-/// The user's vehicle and excitation, and what is drawn instead.
+/// The user's vehicle and excitation, and which of them are drawn instead.
 fn setting(args: &BlindRunArgs) -> Result<Setting, Failure> {
     let vehicle = args.vehicle.as_deref().map(find).transpose()?;
     let setting = Setting { vehicle, commands: None, lengths_s: args.length, rates_hz: args.rate.clone() };
@@ -134,7 +135,7 @@ fn setting(args: &BlindRunArgs) -> Result<Setting, Failure> {
     Ok(Setting { commands: Some(Commands { period_s, inputs }), ..setting })
 }
 
-/// What the trials are drawn from.
+/// The generator from which the trials are drawn.
 fn generator(args: &BlindRunArgs) -> Generator {
     match args.generator {
         BlindGenerator::Reference => Generator::Reference,
@@ -142,7 +143,7 @@ fn generator(args: &BlindRunArgs) -> Generator {
     }
 }
 
-/// Whether a law flies them.
+/// Whether the trials are flown in closed loop.
 fn loops(args: &BlindRunArgs) -> Loops {
     match args.control_loop {
         BlindLoop::Open => Loops::Open,
@@ -151,7 +152,8 @@ fn loops(args: &BlindRunArgs) -> Loops {
     }
 }
 
-/// The first so many plans of the seed that are wanted, or of these the part that is asked for, or one.
+/// The plans of the trials: the first accepted plans of the seed, the requested part of them, or a single
+/// one.
 fn plans(args: &BlindRunArgs) -> Result<Vec<Plan>, Failure> {
     let (generator, loops) = (generator(args), loops(args));
     if let Some(number) = args.only {
@@ -189,7 +191,7 @@ fn plans(args: &BlindRunArgs) -> Result<Vec<Plan>, Failure> {
     Ok((0..).zip(all).filter(|(at, _)| own(*at)).map(|(_, plan)| plan).collect())
 }
 
-/// The call as it can be repeated.
+/// The command line that repeats this run.
 fn call(args: &BlindRunArgs) -> String {
     let mut arguments = vec!["whirlstand blind".to_string()];
     match args.only {

@@ -1,4 +1,4 @@
-//! A run in parts: what each part writes of itself, and the whole that they make.
+//! A run in parts: the results that each part writes, and how the parts are joined.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use whirlstand_campaign::{PartsError, Shard};
 
 use crate::error::Failure;
 
-/// What is written of a run, or of a part of one.
+/// The results of a run, or of a part of one.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Results {
     #[serde(flatten)]
@@ -18,7 +18,7 @@ pub(super) struct Results {
     pub part: Option<Part>,
 }
 
-/// Which part of which run: what the call does not say, too.
+/// Identifies a part of a run, including the data that the call does not state.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Part {
     shard: Shard,
@@ -28,7 +28,7 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// The part `shard` of trials in this setting, by this program.
+    /// The part `shard` of trials in this setting, run by this program.
     pub fn new(shard: Shard, setting: &Setting) -> Self {
         let mut digest = Sha256::new();
         if let Some(vehicle) = &setting.vehicle {
@@ -44,10 +44,10 @@ impl Part {
 }
 
 impl Results {
-    /// Reads what `--json` wrote.
+    /// Reads the results that `--json` wrote.
     ///
     /// # Errors
-    /// A sentence on why it cannot be read.
+    /// A sentence on why they cannot be read.
     pub fn read(path: &Path) -> Result<Self, String> {
         let text = std::fs::read_to_string(path).map_err(|e| e.to_string())?;
         serde_json::from_str(&text)
@@ -55,15 +55,15 @@ impl Results {
     }
 }
 
-/// The call that a tally is of, whether it came to its end or not.
+/// The call in a tally, without the mark that the run was interrupted.
 pub(super) fn of_call(tally: &Tally) -> &str {
     tally.call.split(" (").next().unwrap_or_default()
 }
 
-/// The tally of the whole that the parts in these files make.
+/// The tally of the whole run, joined from the parts in these files.
 ///
 /// # Errors
-/// When a part is missing, there twice, not finished, or of another run.
+/// When a part is missing, duplicate, unfinished, or of another run.
 pub(super) fn joined(paths: &[PathBuf]) -> Result<Tally, Failure> {
     let parts = paths
         .iter()

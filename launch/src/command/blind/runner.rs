@@ -1,4 +1,4 @@
-//! Trials as processes: what diagnosis gets is a folder with a record and a vehicle file; the answer lies elsewhere.
+//! Trials as processes. Diagnosis gets a folder with a record and a vehicle file; the answer is stored elsewhere.
 
 use std::fs::File;
 use std::io::Write;
@@ -22,27 +22,27 @@ use crate::supervisor::Signals;
 /// Longest time that one diagnosis may take.
 const DIAGNOSIS_TIMEOUT: Duration = Duration::from_secs(300);
 
-/// How often to look whether it is time to end.
+/// Time between two checks whether to end.
 const GLANCE: Duration = Duration::from_millis(50);
 
 /// Runs the trials.
 pub(super) struct TrialRunner {
     program: PathBuf,
-    /// Where diagnosis works: a folder for each trial.
+    /// Folder in which diagnosis works; it has a subfolder for each trial.
     open: PathBuf,
-    /// Where the answers lie.
+    /// Folder in which the answers are stored.
     sealed: PathBuf,
     /// One line for each trial, written before its diagnosis runs.
     seals: Option<Mutex<File>>,
-    /// Tell each seal on standard error before its diagnosis runs.
+    /// Prints each seal on standard error before its diagnosis runs.
     aloud: bool,
     keep_all: bool,
     keep_failures: bool,
-    /// One thread for each diagnosis when several run at once.
+    /// Gives each diagnosis one thread, for when several run at once.
     single_threaded: bool,
-    /// What has begun is dropped.
+    /// Drops the trials that have begun.
     hurry: AtomicBool,
-    /// Removed with everything in it when the runner goes.
+    /// Removed with all of its contents when the runner is dropped.
     _temporary: Option<tempfile::TempDir>,
 }
 
@@ -92,8 +92,9 @@ impl TrialRunner {
         })
     }
 
-    /// Runs all plans, `jobs` at a time, until a signal comes: what has begun then comes to its end, but after SIGTERM or a
-    /// second signal it is dropped. The trials, and how many plans could not be drawn.
+    /// Runs all plans, `jobs` at a time, until a signal arrives. After the first SIGINT the trials that have begun
+    /// are finished; after SIGTERM or a second signal they are dropped. Returns the trials, and how many plans
+    /// could not be drawn.
     pub fn run(
         &self,
         plans: &[Plan],
@@ -110,7 +111,7 @@ impl TrialRunner {
                     break;
                 }
                 let scored = self.trial(plan, setting).inspect_err(|_| {
-                    // The others need not go on.
+                    // The other threads need not begin another trial.
                     next.store(plans.len(), Ordering::Relaxed);
                 })?;
                 if self.hurry.load(Ordering::Relaxed) {
@@ -173,14 +174,15 @@ impl TrialRunner {
         };
         let good = scored.is_good();
         if !(self.keep_all || self.keep_failures && !good) {
-            // What cannot be removed now goes with the whole folder, or is seen by whoever looks there.
+            // A file that cannot be removed now is removed with the whole folder, or stays in a folder that
+            // the user named.
             let _ = std::fs::remove_dir_all(&folder);
             let _ = std::fs::remove_file(&sealed);
         }
         Ok(Some(scored))
     }
 
-    /// The diagnosis, or why there is none.
+    /// The diagnosis, or the reason why there is none.
     fn diagnose(&self, folder: &Path) -> Result<Result<Diagnosis, String>, Failure> {
         let said = folder.join("stderr.txt");
         let words = File::create(&said).map_err(|e| Failure::file("write", &said, &e))?;
@@ -189,7 +191,7 @@ impl TrialRunner {
             .args(["diagnose", "trial.csv", "--vehicle", "nominal.toml", "--json", "diagnosis.json"])
             .current_dir(folder)
             .env("NO_COLOR", "1")
-            // Ctrl-C on a terminal is for the whole run, which lets the trials that have begun come to their end.
+            // Ctrl-C on a terminal is meant for the whole run, which finishes the trials that have begun.
             .process_group(0)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -208,7 +210,7 @@ impl TrialRunner {
             }
         };
         let Some(status) = status else {
-            // It may have ended by itself in between; either way it is reaped here.
+            // The process may have ended by itself in between; either way it is reaped here.
             let _ = child.kill();
             let _ = child.wait();
             return Ok(Err(format!("no diagnosis within {} s", DIAGNOSIS_TIMEOUT.as_secs())));

@@ -1,4 +1,4 @@
-//! A node that gets no more memory: its address space may not grow.
+//! A memory fault: the address space of a node may not grow.
 
 use std::io;
 
@@ -6,7 +6,7 @@ use rustix::process::{Pid, Resource, Rlimit, prlimit};
 
 use super::ongoing::Ongoing;
 
-/// A limit of a process, set from outside; dropped, the process has the one of before.
+/// A resource limit of another process. When this is dropped, the process gets its previous limit back.
 pub(super) struct Limited {
     pid: Pid,
     resource: Resource,
@@ -14,11 +14,11 @@ pub(super) struct Limited {
 }
 
 impl Limited {
-    /// Sets the soft limit, so that it can be taken back without any right.
+    /// Sets the soft limit, which can be restored without any privilege.
     pub fn begin(pid: u32, resource: Resource, limit: u64) -> io::Result<Self> {
         let pid = i32::try_from(pid).ok().and_then(Pid::from_raw).ok_or(io::ErrorKind::InvalidInput)?;
         let none = Rlimit { current: Some(limit), maximum: None };
-        // The hard limit is not known beforehand, and may not be raised.
+        // The hard limit must be read first, because it may not be raised.
         let maximum = rustix::process::getrlimit(resource).maximum;
         let before = prlimit(Some(pid), resource, Rlimit { maximum, ..none })?;
         Ok(Self { pid, resource, before })
@@ -27,19 +27,19 @@ impl Limited {
 
 impl Drop for Limited {
     fn drop(&mut self) {
-        // A process that has gone needs no limit.
+        // A process that has ended needs no limit.
         let _ = prlimit(Some(self.pid), self.resource, self.before);
     }
 }
 
-/// A process without a page more than it has.
+/// A process that can get no page of memory beyond those that it has.
 pub(super) struct NoMemory {
     _limit: Limited,
 }
 
 impl NoMemory {
     pub fn begin(pid: u32) -> io::Result<Self> {
-        // proc_pid_status(5): the whole address space, in kB.
+        // proc_pid_status(5): `VmSize` is the whole address space, in kB.
         let status = std::fs::read_to_string(format!("/proc/{pid}/status"))?;
         let size = status.lines().find_map(|line| line.strip_prefix("VmSize:"));
         let kilobytes: Option<u64> = size.and_then(|size| size.split_whitespace().next()?.parse().ok());

@@ -1,4 +1,4 @@
-//! Somebody who does something again and again.
+//! A thread that repeats an action.
 
 use std::io;
 use std::sync::Arc;
@@ -8,10 +8,10 @@ use std::time::Duration;
 
 use super::ongoing::Ongoing;
 
-/// Time between two bursts of somebody who sends.
+/// Time between two repetitions.
 const PAUSE: Duration = Duration::from_millis(2);
 
-/// A thread that does something again and again until it is dropped.
+/// A thread that repeats an action until it is dropped.
 pub(super) struct Again {
     stop: Arc<AtomicBool>,
     done: Arc<AtomicU64>,
@@ -19,7 +19,8 @@ pub(super) struct Again {
 }
 
 impl Again {
-    /// Calls `begin` in a new thread and then, every [`PAUSE`], what it gave, which says how much it did.
+    /// Calls `begin` in a new thread, and then calls the function that it returned every [`PAUSE`]. That
+    /// function returns how much it did.
     pub fn start<F>(begin: impl FnOnce() -> F + Send + 'static) -> io::Result<Self>
     where
         F: FnMut() -> u64,

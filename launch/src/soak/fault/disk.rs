@@ -1,8 +1,8 @@
-//! A full file system below the log.
+//! The fault of a full file system below the log.
 //!
-//! Where the system allows it, the log lies in a small file system of its own, in a mount namespace that this process and its
-//! nodes alone see; a fault takes its free room away, and its end gives it back. Elsewhere the recorder may write no byte
-//! more (RLIMIT_FSIZE), which fails as a full disk does.
+//! Where the system allows it, the log is in a small file system of its own, in a mount namespace that only this
+//! process and its nodes see. The fault takes its free space away, and its end restores it. Elsewhere the
+//! recorder's file size limit (RLIMIT_FSIZE) is set to zero, which makes writes fail as a full disk does.
 
 use std::ffi::{CStr, CString};
 use std::io;
@@ -17,25 +17,27 @@ use super::ongoing::Ongoing;
 use crate::error::Failure;
 use crate::file::Plan;
 
-/// Room that is left when the disk is made full, bytes.
+/// Free space that is left when the disk is made full, bytes.
 const LEFT_OVER: u64 = 16 << 10;
 
-/// Attempts to make it full: what is written between the look and the fault has to fit.
+/// Attempts to make the disk full: data written between the measurement of the used space and the fault has
+/// to fit.
 const ATTEMPTS: u32 = 20;
 
-/// Size of the file system between two faults: a share of the memory, as far as it is written to.
+/// Size of the file system between two faults: a share of the machine's memory, which is taken only as far as
+/// it is written to.
 const ROOMY: &str = "size=50%";
 
-/// How the disk is made full.
+/// The method by which the disk is made full.
 pub(in crate::soak) enum Disk {
-    /// A file system that can be made small.
+    /// A file system of the soak, at this path, that can be made small.
     Own(PathBuf),
-    /// Nothing but the recorder's limit.
+    /// The recorder's file size limit.
     Limit,
 }
 
 impl Disk {
-    /// Lays a file system of its own under the log, if the system allows that.
+    /// Mounts a file system for the log alone, if the system allows that.
     ///
     /// # Errors
     /// When the bench has no log, or one that would fill any disk.
@@ -68,7 +70,7 @@ impl Disk {
     }
 }
 
-/// A file system without room.
+/// A file system without free space; dropped, it gets its space back.
 struct Full {
     folder: PathBuf,
     taken: u64,
@@ -107,7 +109,7 @@ impl Drop for Full {
     }
 }
 
-/// A recorder that may write nothing.
+/// A recorder that may not write any byte.
 struct NoMoreBytes {
     _limit: Limited,
 }
@@ -118,11 +120,12 @@ impl Ongoing for NoMoreBytes {
     }
 }
 
-/// Leaves the mount namespace of all others, as root or as the root of a user namespace.
+/// Gives this process a mount namespace of its own, as root or as the root of a user namespace.
 fn own_namespace() -> io::Result<()> {
     let (user, group) = (geteuid().as_raw(), getegid().as_raw());
     let spaces = if user == 0 { libc::CLONE_NEWNS } else { libc::CLONE_NEWNS | libc::CLONE_NEWUSER };
-    // SAFETY: unshare(2) touches no memory; that no other thread runs yet the kernel itself checks for a user namespace.
+    // SAFETY: unshare(2) touches no memory. For a user namespace the kernel itself checks that no other thread
+    // runs yet.
     if unsafe { libc::unshare(spaces) } != 0 {
         return Err(io::Error::last_os_error());
     }
@@ -131,7 +134,7 @@ fn own_namespace() -> io::Result<()> {
         std::fs::write("/proc/self/uid_map", format!("{user} {user} 1"))?;
         std::fs::write("/proc/self/gid_map", format!("{group} {group} 1"))?;
     }
-    // What is mounted here is not to be seen elsewhere.
+    // Mounts made here must not appear in other namespaces.
     mount(c"none", Path::new("/"), c"none", libc::MS_REC | libc::MS_PRIVATE, "")
 }
 
@@ -145,7 +148,7 @@ fn mount(source: &CStr, target: &Path, kind: &CStr, flags: libc::c_ulong, option
     if failed == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
-/// A write beyond RLIMIT_FSIZE then fails instead of ending the process; nodes inherit that.
+/// Makes a write beyond RLIMIT_FSIZE fail instead of ending the process; the nodes inherit that.
 fn ignore_the_limits_signal() {
     // SAFETY: to ignore a signal installs no code.
     unsafe { libc::signal(libc::SIGXFSZ, libc::SIG_IGN) };

@@ -1,4 +1,4 @@
-//! More messages than anybody needs, ten thousand a second.
+//! A flood of messages: ten thousand a second.
 
 use std::io;
 use std::net::SocketAddr;
@@ -13,19 +13,20 @@ use super::strangers::{garbage, send, udp_ports};
 use crate::file::Plan;
 use crate::keys::{GUEST, configuration};
 
-/// Messages in a burst.
+/// Messages in one burst.
 const BURST: u64 = 20;
 
-/// Where the flood goes.
+/// Destination of the flood.
 pub(in crate::soak) enum Flood {
-    /// Nonsense to the ports of a bridge.
+    /// Meaningless datagrams to the ports of a bridge.
     Udp(Vec<SocketAddr>),
-    /// Disturbances of nothing to the plant, from a member of the bench that may send them.
+    /// Disturbances of size zero to the plant, from a member of the bench that may publish them.
     Inject { bench: String, transport: Transport, states: u32 },
 }
 
 impl Flood {
-    /// Where the bench has no bridge on a UDP port, its plant is told to listen to disturbances.
+    /// Chooses the destination. Where the bench has no bridge on a UDP port, the plan is changed so that the
+    /// plant accepts disturbances.
     pub fn prepare(plan: &mut Plan) -> Self {
         let ports = udp_ports(plan.config.bridge.as_ref());
         if !ports.is_empty() {
@@ -63,7 +64,7 @@ fn join(config: &BusConfig) -> Result<(Bus, Publisher<Disturbance>), OpenError> 
     Ok((bus, publisher))
 }
 
-/// Sends valid messages; how many could be sent.
+/// Sends one burst of valid messages, and returns how many could be sent.
 fn burst(publisher: &mut Publisher<Disturbance>, states: u32) -> u64 {
     let nothing = Disturbance { count: states, ..Message::zeroed() };
     (0..BURST).map(|_| u64::from(publisher.send(&nothing).is_ok())).sum()

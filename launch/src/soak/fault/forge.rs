@@ -1,4 +1,4 @@
-//! Messages in the name of others, from somebody who does not belong to the bench.
+//! Forged messages in the name of nodes, from programs that are not members of the bench.
 
 use std::io;
 use std::net::SocketAddr;
@@ -17,22 +17,22 @@ use crate::error::Failure;
 use crate::file::Plan;
 use crate::keys::{OBSERVER, configuration};
 
-/// A number that no bench comes to by itself; it marks what was forged.
+/// A value that no bench produces by itself; it marks forged messages.
 pub(in crate::soak) const FORGED: f64 = 777.125;
 
-/// The way in for a stranger.
+/// The path by which a stranger reaches the bench.
 pub(in crate::soak) enum Forge {
-    /// The addresses of the bench's nodes.
+    /// Over Zenoh: the addresses of the bench's nodes.
     Zenoh { bench: String },
-    /// A bridge's ports, and the protocol that is spoken there.
+    /// Over UDP: a bridge's ports, and the protocol of the bridge.
     Udp { ports: Vec<SocketAddr>, kind: BridgeKind },
 }
 
 impl Forge {
-    /// Looks for the way in.
+    /// Finds the path for a stranger.
     ///
     /// # Errors
-    /// When there is none: over shared memory, only what runs as this user can speak at all.
+    /// When there is none: over shared memory, only processes of this user can publish at all.
     pub fn prepare(plan: &Plan) -> Result<Self, Failure> {
         let ports = udp_ports(plan.config.bridge.as_ref());
         match &plan.config.bridge {
@@ -65,7 +65,8 @@ impl Forge {
     }
 }
 
-/// Two who know where the nodes are and have no key of the bench: one has none at all, one a key of somebody else.
+/// Bus configurations of two strangers that know the addresses of the nodes but have no key of the bench: one has
+/// no key, the other a key of another authority.
 fn strangers(bench: &str) -> io::Result<Vec<BusConfig>> {
     let path = configuration(bench, OBSERVER).map_err(io::Error::other)?;
     let known: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(path)?)?;
@@ -85,7 +86,7 @@ fn strangers(bench: &str) -> io::Result<Vec<BusConfig>> {
     Ok(vec![stranger(plain, None), stranger(endpoints, Some(foreign))])
 }
 
-/// Somebody who publishes what is not theirs.
+/// A stranger that publishes on topics of the bench's nodes.
 struct Forger {
     command: Publisher<Command>,
     truth: Publisher<Truth>,
@@ -104,7 +105,8 @@ impl Forger {
         })
     }
 
-    /// A command for the plant, a truth from the beginning, a health in the plant's name; how many could be sent.
+    /// Publishes a command to the plant, a truth of step 0 on, and a health in the plant's name. Returns how many
+    /// could be sent.
     fn forge(&mut self) -> u64 {
         let mut command = Command { count: 2, ..Message::zeroed() };
         command.u = [FORGED; 8];

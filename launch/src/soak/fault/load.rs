@@ -1,4 +1,4 @@
-//! Processors that have something else to do.
+//! Processor load from outside the bench.
 
 use std::hint::spin_loop;
 use std::io;
@@ -8,7 +8,7 @@ use std::thread::{Builder, JoinHandle, available_parallelism};
 
 use super::ongoing::Ongoing;
 
-/// A thread for every processor that does nothing but keep it.
+/// A busy thread for every processor.
 pub(super) struct Busy {
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,

@@ -1,4 +1,4 @@
-//! The faults: what is done to a bench, and how it is taken back.
+//! The faults of a soak: how each is injected, and how it is removed.
 
 mod address_space;
 mod again;
@@ -22,29 +22,30 @@ pub(super) use forge::FORGED;
 use forge::Forge;
 pub(super) use ongoing::Ongoing;
 
-/// Whom a fault is done to that is not done to one node.
+/// Target name of a fault that is not injected into a single node.
 const BENCH: &str = "bench";
 
-/// What a soak does, with all that has to be there beforehand.
+/// A kind of fault, with the resources that have to be prepared.
 pub(super) enum FaultKind {
-    /// SIGKILL.
+    /// A node is killed (SIGKILL).
     Kill,
-    /// SIGSTOP, later SIGCONT.
+    /// A node is stopped (SIGSTOP) and later continued (SIGCONT).
     Stop,
-    /// No memory beyond what a node has.
+    /// A node gets no memory beyond what it has.
     Memory,
-    /// No room for the log.
+    /// The disk has no space for the log.
     Disk(Disk),
-    /// Messages of a stranger.
+    /// A stranger publishes forged messages.
     Forge(Forge),
-    /// More messages than anybody needs.
+    /// Far more messages arrive than needed.
     Flood(Flood),
-    /// Busy processors.
+    /// All processors are busy.
     Load,
 }
 
 impl FaultKind {
-    /// Prepares faults to a bench whose log goes into `folder`, and changes of its plan what they need.
+    /// Prepares faults to a bench whose log goes into `folder`, and changes the plan where the fault requires
+    /// it.
     ///
     /// # Errors
     /// When this bench has no place for such a fault.
@@ -60,7 +61,7 @@ impl FaultKind {
         })
     }
 
-    /// Whom it is done to, in every round.
+    /// The targets of the fault in every round.
     pub fn targets(&self, nodes: &[String]) -> Vec<String> {
         match self {
             Self::Kill | Self::Stop | Self::Memory => nodes.to_vec(),
@@ -69,12 +70,13 @@ impl FaultKind {
         }
     }
 
-    /// Whether the log is written on only some time after the fault.
+    /// Whether the recorder continues its log only some time after the fault.
     pub fn stops_the_log(&self) -> bool {
         matches!(self, Self::Disk(_))
     }
 
-    /// Begins a fault to the process `pid`, where it is done to one; `None` for one that does not last.
+    /// Begins a fault, in the process `pid` where it has a single target. Returns `None` for a fault that
+    /// does not last.
     ///
     /// # Errors
     /// When the system refuses it.

@@ -2,6 +2,6 @@
 
 /// A fault that lasts until this is dropped.
 pub(in crate::soak) trait Ongoing {
-    /// How much of it there was so far: messages, bytes, processors. A fault of nothing shows nothing.
+    /// Amount of the fault so far: messages, bytes or processors. A fault of amount zero tests nothing.
     fn dealt(&self) -> u64;
 }

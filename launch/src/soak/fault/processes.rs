@@ -4,12 +4,12 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::ongoing::Ongoing;
 
-/// Ends a process without a word.
+/// Kills a process with SIGKILL.
 pub(super) fn kill(pid: u32) {
     send(pid, Signal::KILL);
 }
 
-/// A process that stands still.
+/// A stopped process, which continues when this is dropped.
 pub(super) struct Stopped {
     pid: u32,
 }
@@ -33,7 +33,7 @@ impl Drop for Stopped {
     }
 }
 
-/// A process that has just gone by itself needs no signal.
+/// A process that has just ended by itself needs no signal.
 fn send(pid: u32, signal: Signal) {
     if let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) {
         let _ = kill_process(pid, signal);

@@ -1,4 +1,4 @@
-//! Datagrams that nobody asked for, to the UDP ports of a bench's bridge.
+//! Unsolicited datagrams to the UDP ports of a bench's bridge.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -8,13 +8,13 @@ use whirlstand_nodes::bridge::link::Address;
 
 use super::again::Again;
 
-/// Datagrams in a burst: with the pause between bursts, 10,000 a second.
+/// Datagrams in one burst; with the pause between bursts, 10,000 a second.
 const BURST: usize = 20;
 
-/// Ports of Betaflight on which datagrams come in: of pulses, and of motors.
+/// Number of ports on which datagrams of Betaflight arrive: one for pulses and one for motors.
 const FROM_BETAFLIGHT: usize = 2;
 
-/// The UDP ports on which a bridge listens; none for a bridge that has no such link.
+/// The UDP ports on which a bridge listens; empty for a bridge without such a link.
 pub(super) fn udp_ports(bridge: Option<&BridgeConfig>) -> Vec<SocketAddr> {
     let Some(BridgeConfig { kind, options }) = bridge else { return Vec::new() };
     let listening = |link: &str| match link.parse() {
@@ -29,18 +29,18 @@ pub(super) fn udp_ports(bridge: Option<&BridgeConfig>) -> Vec<SocketAddr> {
             let ports = options.betaflight.ports.iter().take(FROM_BETAFLIGHT);
             ports.map(|&port| reachable(SocketAddr::new(host, port))).collect()
         }
-        // There is no simulated plant whose recovery could be watched.
+        // These bridges have no simulated plant whose recovery could be observed.
         BridgeKind::Mavlink | BridgeKind::Crsf => Vec::new(),
     }
 }
 
-/// Where a socket that is bound to every address can be reached from here.
+/// Address at which a socket that is bound to every address can be reached from here.
 fn reachable(address: SocketAddr) -> SocketAddr {
     let host = if address.ip().is_unspecified() { IpAddr::V4(Ipv4Addr::LOCALHOST) } else { address.ip() };
     SocketAddr::new(host, address.port())
 }
 
-/// Sends datagrams in turn to each of the ports, from one socket.
+/// Sends datagrams from one socket to each of the ports in turn.
 pub(super) fn send(ports: Vec<SocketAddr>, datagrams: Vec<Vec<u8>>) -> io::Result<Again> {
     let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
     Again::start(move || {
@@ -48,7 +48,7 @@ pub(super) fn send(ports: Vec<SocketAddr>, datagrams: Vec<Vec<u8>>) -> io::Resul
         move || {
             for _ in 0..BURST {
                 let datagram = &datagrams[next / ports.len() % datagrams.len()];
-                // Nobody has the port while the bridge is started again.
+                // No process has the port while the bridge is being restarted.
                 let _ = socket.send_to(datagram, ports[next % ports.len()]);
                 next += 1;
             }
@@ -57,7 +57,7 @@ pub(super) fn send(ports: Vec<SocketAddr>, datagrams: Vec<Vec<u8>>) -> io::Resul
     })
 }
 
-/// What nonsense is made of: single bytes, beginnings of frames, and bytes without any sense.
+/// Malformed datagrams: single bytes, beginnings of frames, and arbitrary bytes.
 pub(super) fn garbage() -> Vec<Vec<u8>> {
     let mut noise = whirlstand_vehicle::Stream::new(1, "garbage");
     let mut bytes = |n: usize| (0..n).map(|_| (256.0 * noise.uniform()) as u8).collect::<Vec<_>>();
@@ -66,13 +66,13 @@ pub(super) fn garbage() -> Vec<Vec<u8>> {
     beginnings.into_iter().chain(without_sense).collect()
 }
 
-/// Valid packets of outputs in the protocols of the autopilots, with every output at its end.
+/// Valid output packets in the protocols of the autopilots, with every output at its limit.
 pub(super) fn forged_outputs(kind: BridgeKind) -> Vec<Vec<u8>> {
     let words = |words: &[u16]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>();
     match kind {
-        // Magic number, rate, number of the step (two words), sixteen pulses in us.
+        // Magic number, rate, step number (two words), sixteen pulses in us.
         BridgeKind::ArdupilotJson => vec![words(&[&[18458, 400, 1, 0][..], &[2000; 16]].concat())],
-        // Pulses in us behind a count, and motors from 0 to 1.
+        // Pulses in us after a count, and motors from 0 to 1.
         BridgeKind::BetaflightSitl => {
             let floats = |value: f32, n: usize| value.to_le_bytes().repeat(n);
             vec![[words(&[16, 0]), floats(2000.0, 16)].concat(), floats(1.0, 4)]
