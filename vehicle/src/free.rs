@@ -7,7 +7,7 @@ use crate::effects::{Effect, Matrix};
 pub enum Target {
     /// Entry of a matrix: matrix, row and column from 0.
     Entry(Matrix, usize, usize),
-    /// Parameter of an effect: index in [`Vehicle::effects`] and the parameter's name.
+    /// Parameter of an effect: index in `Vehicle::effects` and the parameter's name.
     Effect(usize, &'static str),
 }
 

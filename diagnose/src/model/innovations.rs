@@ -188,7 +188,7 @@ pub struct Whitener {
 }
 
 impl Whitener {
-    /// The whitener for noises that [`climb`] has found.
+    /// The whitener for noises that `climb` has found.
     pub fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
         let filter = Filter::new(data, vehicle, state, noises)?;
         let mut covariance = filter.start(0.0);

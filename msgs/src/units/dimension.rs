@@ -64,7 +64,7 @@ impl Dimension {
     }
 }
 
-/// The coherent SI unit, in the syntax that [`Unit`] reads; empty for a dimensionless number.
+/// The coherent SI unit, in the syntax that `Unit` reads; empty for a dimensionless number.
 impl fmt::Display for Dimension {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some((symbol, _)) = DERIVED.iter().find(|(_, d)| d == self) {

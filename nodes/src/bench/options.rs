@@ -30,7 +30,7 @@ pub struct Options {
     /// CPUs of plant, estimator and controller in the lockstep measurement, and of the ring's positions in
     /// its reference; empty: the scheduler decides.
     pub cpus: Vec<usize>,
-    /// Program and arguments that start a [`Member`].
+    /// Program and arguments that start a `Member`.
     pub member: Vec<String>,
     /// Program and arguments that run a launch file: `whirlstand run`.
     pub run: Vec<String>,
