@@ -50,7 +50,10 @@ fn a_vehicle_that_turns_against_its_commands_ends_it_and_is_told() {
             assert!(k < 500 && roll < 0.26, "after {k} steps at {roll} rad");
             let notes = pair.notes();
             assert!(notes.iter().any(|n| n.contains("FAILSAFE") && n.contains("wrong sign")), "{notes:?}");
-            assert!(notes.iter().any(|n| n.starts_with("roll: the vehicle accelerates opposite")), "{notes:?}");
+            assert!(
+                notes.iter().any(|n| n.starts_with("roll: the vehicle accelerates opposite")),
+                "{notes:?}"
+            );
         }
     }
 }

@@ -169,7 +169,10 @@ fn a_flood_is_taken_in_so_much_at_a_look_and_told_once() {
     assert_eq!((words.looked_at, words.taken.len()), (0, 0));
     let told = notes(&mut link);
     assert_eq!(told.len(), 2, "{told:?}");
-    assert!(told[0].contains("only 192.0.2.7 is accepted") && told[1].contains("64 of the datagrams"), "{told:?}");
+    assert!(
+        told[0].contains("only 192.0.2.7 is accepted") && told[1].contains("64 of the datagrams"),
+        "{told:?}"
+    );
 }
 
 #[test]
