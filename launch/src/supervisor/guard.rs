@@ -127,14 +127,22 @@ fn pipes_of(pid: i32) -> Vec<File> {
     [1, 2].into_iter().filter_map(open).collect()
 }
 
+/// Number of the process that was created last (proc_loadavg(5)): numbers rise. The greatest where it is not known.
+fn newest_pid() -> i32 {
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    load.split_whitespace().last().and_then(|pid| pid.parse().ok()).unwrap_or(i32::MAX)
+}
+
 impl LeftGroups {
     /// Ends the groups, and the processes that left them and have their notify socket in the folder `sockets`.
     /// Each process is asked once; those that remain after `grace` are killed.
     pub fn end(mut self, sockets: Option<&Path>, grace: Duration) {
         let mut asked = BTreeSet::new();
+        // What a program starts on its way to neutral is to do its work.
+        let newest = newest_pid();
         let vanished = self.until_vanished(sockets, grace, |process| {
             // A process that was just being started, or was leaving its group, is found only in a later pass.
-            if asked.insert(process.pid) {
+            if process.pid <= newest && asked.insert(process.pid) {
                 process.signal(Signal::TERM);
                 // A stopped process reacts only after this signal.
                 process.signal(Signal::CONT);
@@ -223,8 +231,8 @@ mod tests {
     fn a_program_may_still_write_when_its_launcher_is_dead() {
         let folder = tempfile::tempdir().unwrap();
         let neutral = folder.path().join("neutral");
-        let script = "trap 'head -c 200000 /dev/zero; echo stopping >&2; : > \"$0\"; exit' TERM; echo ready; \
-                      while :; do sleep 0.01; done";
+        let script = "trap 'echo stopping >&2; sh -c \"head -c 200000 /dev/zero && sleep 0.1 && : > $0\"; exit' TERM; \
+                      echo ready; while :; do sleep 0.01; done";
         let mut program = Command::new("sh")
             .args(["-c", script])
             .arg(&neutral)
