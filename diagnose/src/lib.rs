@@ -39,7 +39,8 @@ use stages::select::Selected;
 use stages::weighed::Weighed;
 use thresholds::{MIN_BIC_GAIN, REST_BEFORE_BIC};
 
-/// Diagnoses one or more records of a vehicle.
+/// Diagnoses one or more records of a vehicle. They are dropped as soon as they are on the grid of the search,
+/// because a record at its own rate may be longer than everything that the search needs.
 ///
 /// # Errors
 /// [`DiagnoseError`] when nothing can be simulated; problems of data that can be simulated are part of the
@@ -48,7 +49,7 @@ use thresholds::{MIN_BIC_GAIN, REST_BEFORE_BIC};
 /// # Panics
 /// Without a record.
 pub fn diagnose(
-    records: &[Record],
+    records: Vec<Record>,
     vehicle: &Vehicle,
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
@@ -67,17 +68,18 @@ pub fn diagnose(
 }
 
 /// The diagnosis under the assumption that the noise in the vehicle file is the sensors' true noise.
-fn diagnosed(records: &[Record], vehicle: &Vehicle, options: &Options) -> Result<Diagnosis, DiagnoseError> {
-    let units = screen::wrong_units(records, vehicle, options.period_s)?;
+fn diagnosed(records: Vec<Record>, vehicle: &Vehicle, options: &Options) -> Result<Diagnosis, DiagnoseError> {
+    let units = screen::wrong_units(&records, vehicle, options.period_s)?;
     if !units.is_empty() {
-        let mut loaded = Loaded::new(records, vehicle, options)?;
+        let mut loaded = Loaded::new(&records, vehicle, options)?;
         loaded.found.extend(units);
         return Ok(answered(&loaded).answer);
     }
-    let limits = limits(records, vehicle, options);
-    let mut loaded = Loaded::new(records, limits.wider.as_ref().unwrap_or(vehicle), options)?;
+    let limits = limits(&records, vehicle, options);
+    let mut loaded = Loaded::new(&records, limits.wider.as_ref().unwrap_or(vehicle), options)?;
     loaded.found.extend(limits.found);
-    loaded.stranger = screen::stranger(records, vehicle, &options.modes, options.period_s)?;
+    loaded.stranger = screen::stranger(&records, vehicle, &options.modes, options.period_s)?;
+    drop(records);
     let free = over_commands(&loaded);
     if free.blocked {
         return Ok(free.answer);

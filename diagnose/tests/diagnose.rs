@@ -25,7 +25,7 @@ fn fly(vehicle: &Vehicle, seed: u64) -> Record {
 }
 
 fn diagnosis(record: Record) -> Diagnosis {
-    diagnose(&[record], &quadrotor(), &Options::default()).unwrap()
+    diagnose(vec![record], &quadrotor(), &Options::default()).unwrap()
 }
 
 #[track_caller]
@@ -96,7 +96,7 @@ fn the_transition_between_flight_modes_is_dated() {
     let mut truth = hover();
     truth.add_effect(Effect::mode_transition(21.0, "helicopter-longitudinal").unwrap()).unwrap();
     let record = flight(&truth, 30.0, &vec![0.0; truth.states.len()], 0.01, Some(7));
-    let answer = diagnose(&[record], &hover(), &Options::default()).unwrap();
+    let answer = diagnose(vec![record], &hover(), &Options::default()).unwrap();
     names(&answer, "mode_transition", "vehicle");
     assert_eq!(answer.causes[0].text.as_deref(), Some("helicopter-longitudinal"));
     holds(&answer, "at_s", 21.0, 0.01);
@@ -112,7 +112,7 @@ fn a_flight_in_another_mode_than_the_files_is_told_by_that_modes_name() {
     for (mode, seed) in [("helicopter-longitudinal", 9), ("helicopter-lateral", 10)] {
         let flown = still(mode);
         let record = flight(&flown, 30.0, &vec![0.0; flown.states.len()], 0.01, Some(seed));
-        let answer = diagnose(&[record], &still("helicopter-hover"), &Options::default()).unwrap();
+        let answer = diagnose(vec![record], &still("helicopter-hover"), &Options::default()).unwrap();
         names(&answer, "mode_transition", "vehicle");
         assert_eq!(answer.causes[0].text.as_deref(), Some(mode));
         assert!(answer.causes[0].parameters["at_s"].value < 1.0, "{}", answer.text());
@@ -130,7 +130,7 @@ fn a_tone_that_stops_with_the_engine_is_the_engines() {
         engine_off: Some(ground(&quadrotor(), 2)),
         ..Options::default()
     };
-    let answer = diagnose(&[fly(&shaken, 8)], &quadrotor(), &options).unwrap();
+    let answer = diagnose(vec![fly(&shaken, 8)], &quadrotor(), &options).unwrap();
     names(&answer, "vibration", "pitch_rate");
     let notes = answer.causes[0].notes.join(" ");
     assert!(notes.contains("engine"), "{notes}");
@@ -140,7 +140,7 @@ fn a_tone_that_stops_with_the_engine_is_the_engines() {
 fn several_flights_are_one_question() {
     let late = with(Kind::InputDelay, "u_roll", &[("delay_s", 0.04)]);
     let records = [fly(&late, 9), flight(&late, 20.0, &[0.05, 0.0, 0.0, 0.0], 2.0, Some(10))];
-    let answer = diagnose(&records, &quadrotor(), &Options::default()).unwrap();
+    let answer = diagnose(records, &quadrotor(), &Options::default()).unwrap();
     names(&answer, "input_delay", "u_roll");
     holds(&answer, "delay_s", 0.04, 0.05);
 }
@@ -152,10 +152,10 @@ fn the_extended_vehicle_flies_as_the_record_did() {
     let answer = diagnosis(record.clone());
     names(&answer, "dead_zone", "u_pitch");
     let extended = Vehicle::parse(&answer.extended.unwrap().to_toml(), "extended").unwrap();
-    let again = diagnose(&[record], &extended, &Options::default()).unwrap();
+    let again = diagnose(vec![record], &extended, &Options::default()).unwrap();
     assert_eq!(again.verdict, Verdict::Consistent, "{}", again.text());
     let simulated = fly(&extended, 12);
-    let answer = diagnose(&[simulated], &truth, &Options::default()).unwrap();
+    let answer = diagnose(vec![simulated], &truth, &Options::default()).unwrap();
     assert_eq!(answer.verdict, Verdict::Consistent, "{}", answer.text());
 }
 
@@ -206,7 +206,7 @@ fn without_excitation_or_length_nothing_is_claimed() {
     assert!(still.causes.is_empty(), "{}", still.text());
     assert!(still.data.iter().any(|d| d.kind == "no_excitation"), "{:?}", still.data);
     let short = flight(&quadrotor(), 0.3, &[0.0; 4], 3.0, Some(16));
-    let error = diagnose(&[short], &quadrotor(), &Options::default()).unwrap_err().to_string();
+    let error = diagnose(vec![short], &quadrotor(), &Options::default()).unwrap_err().to_string();
     assert!(error.contains("30") && error.contains("64"), "{error}");
 }
 
@@ -216,7 +216,7 @@ fn an_effect_of_the_file_acts_when_it_says_in_every_part_of_a_record() {
     let half = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.5)]).unwrap();
     known.add_effect(half.during(Window { from_s: Some(25.0), until_s: None }).unwrap()).unwrap();
     let record = with_gap(&flight(&known, 50.0, &[0.0; 4], 3.0, Some(1)), 15.0, 22.0);
-    let answer = diagnose(&[record], &known, &Options::default()).unwrap();
+    let answer = diagnose(vec![record], &known, &Options::default()).unwrap();
     assert_eq!(answer.verdict, Verdict::Consistent, "{}", answer.text());
 }
 

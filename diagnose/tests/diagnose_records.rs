@@ -31,7 +31,7 @@ fn identified(vehicle: &Vehicle, record: &Record, part: (f64, f64), period_s: Op
 
 fn diagnosed(record: Record, vehicle: &Vehicle, period_s: Option<f64>) -> Diagnosis {
     let options = Options { period_s, refit: Some(true), ..Options::default() };
-    let answer = diagnose(&[record], vehicle, &options).unwrap();
+    let answer = diagnose(vec![record], vehicle, &options).unwrap();
     println!("{}", answer.text());
     answer
 }
@@ -94,7 +94,7 @@ fn the_hair_dryer_has_a_dead_time() -> Outcome {
 fn a_roll_axis_of_given_gain_lags() -> Outcome {
     let record = data("crazyflie/roll_pitch.csv")?;
     let options = Options { period_s: Some(0.004), ..Options::default() };
-    let answer = diagnose(&[record], &baseline("crazyflie-roll"), &options).unwrap();
+    let answer = diagnose(vec![record], &baseline("crazyflie-roll"), &options).unwrap();
     println!("{}", answer.text());
     assert_eq!(
         (answer.causes[0].effect.as_str(), answer.causes[0].place.as_str()),

@@ -83,7 +83,7 @@ fn read(csv: &str) -> Record {
 }
 
 fn diagnosis(record: Record, vehicle: &Vehicle) -> Diagnosis {
-    diagnose(&[record], vehicle, &Options::default()).unwrap()
+    diagnose(vec![record], vehicle, &Options::default()).unwrap()
 }
 
 /// What came of a flight.

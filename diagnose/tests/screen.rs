@@ -49,7 +49,7 @@ fn a_wrong_unit_ends_the_diagnosis_and_says_what_to_write() {
         [(&OUTPUTS[..], "--map pitch_rate=pitch_rate[deg/s]"), (&INPUTS[..], "input_gain of 0.0175")]
     {
         let record = scaled(&record, columns, 180.0 / std::f64::consts::PI);
-        let answer = diagnose(&[record], &quadrotor(), &Options::default()).unwrap();
+        let answer = diagnose(vec![record], &quadrotor(), &Options::default()).unwrap();
         assert_eq!(answer.verdict, Verdict::Inconclusive, "{}", answer.text());
         assert!(answer.causes.is_empty(), "{}", answer.text());
         assert!(
@@ -146,7 +146,7 @@ fn a_record_with_the_commands_of_another_flight_is_refused() {
         let steps = noise(record.len() / 50 + 1, seed as u64);
         other = changed(&other, name, |k, _| 5.0 * steps[k / 50]);
     }
-    let answer = diagnose(&[other], &quadrotor(), &Options::default()).unwrap();
+    let answer = diagnose(vec![other], &quadrotor(), &Options::default()).unwrap();
     assert_eq!(answer.verdict, Verdict::Inconclusive, "{}", answer.text());
     assert!(answer.data.iter().any(|f| f.kind == "vehicle" && f.blocking), "{}", answer.text());
 }

@@ -49,7 +49,7 @@ fn flight(effects: &[Effect], seconds: f64, seed: u64) -> Record {
 
 fn diagnosed(effects: &[Effect], seed: u64) -> Diagnosis {
     let record = flight(effects, 40.0, seed);
-    diagnose(&[record], &Vehicle::find("quadrotor").unwrap(), &Options::default()).unwrap()
+    diagnose(vec![record], &Vehicle::find("quadrotor").unwrap(), &Options::default()).unwrap()
 }
 
 fn curve<'d>(answer: &'d Diagnosis, cause: &str) -> &'d EvidenceCurve {

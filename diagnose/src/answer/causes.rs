@@ -228,8 +228,7 @@ fn share(findings: &Findings<'_>, term: usize) -> f64 {
     values.drain(model.range(term));
     let Ok(without) = others.predict(&values) else { return 0.0 };
     let scaled = |predicted: &[f64]| -> f64 {
-        let mut residual: Vec<f64> = data.measured().iter().zip(predicted).map(|(y, p)| y - p).collect();
-        data.fill(&mut residual);
+        let residual = data.residual(predicted);
         let ranges = data.ranges().into_iter().enumerate();
         ranges
             .map(|(c, range)| {

@@ -25,7 +25,7 @@ fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
         verdict: Verdict::Inconclusive,
         summary: String::new(),
         version: env!("CARGO_PKG_VERSION").into(),
-        records: loaded.records.iter().map(|r| r.origin.clone()).collect(),
+        records: loaded.origins.clone(),
         partial: loaded.options.watch.is_stopped(),
         vehicle: loaded.vehicle.name.clone(),
         period_s: checked.data.period_s,

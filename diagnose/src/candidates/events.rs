@@ -1,9 +1,11 @@
 //! Candidate times of events: disturbances by their response at every time, transitions on a time grid.
 
+use std::sync::Arc;
+
 use crate::thresholds::{DURATION_GROWTH, MIN_EVENT_TIMES};
 use rayon::prelude::*;
-use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftPlanner};
 
 use crate::candidates::library::{Candidate, Sizes, pulse, step};
 use crate::data::record::Data;
@@ -16,9 +18,15 @@ struct Grid {
     /// Steps between two candidate times: a multiple of every channel's stride.
     every: usize,
     times: usize,
-    /// FFT length of each channel, padded so that no shift wraps around, and of the products at the grid's
-    /// times.
-    lengths: Vec<(usize, usize)>,
+    channels: Vec<Transform>,
+}
+
+/// Fourier transforms of a channel.
+struct Transform {
+    /// Padded so that no shift wraps around.
+    forward: Arc<dyn Fft<f64>>,
+    /// Of the products at the grid's times.
+    inverse: Arc<dyn Fft<f64>>,
 }
 
 impl Grid {
@@ -28,11 +36,15 @@ impl Grid {
         while 2 * every * MIN_EVENT_TIMES <= data.steps {
             every *= 2;
         }
-        let lengths = data.channels.iter().zip(data.ranges()).map(|(channel, range)| {
+        let mut planner = FftPlanner::new();
+        let channels = data.channels.iter().zip(data.ranges()).map(|(channel, range)| {
             let short = (2 * range.len()).div_ceil(every / channel.stride).next_power_of_two();
-            (short * (every / channel.stride), short)
+            Transform {
+                forward: planner.plan_fft_forward(short * (every / channel.stride)),
+                inverse: planner.plan_fft_inverse(short),
+            }
         });
-        Self { every, times: data.steps / every, lengths: lengths.collect() }
+        Self { every, times: data.steps / every, channels: channels.collect() }
     }
 }
 
@@ -43,9 +55,6 @@ fn lcm(a: usize, b: usize) -> usize {
     }
     a / x * b
 }
-
-/// Spectra of all channels, from 0 to half the sampling rate.
-type Spectra = Vec<Vec<Complex<f64>>>;
 
 /// The best times for a step and for a pulse on every state, by a score test.
 ///
@@ -58,18 +67,27 @@ pub fn events(
     responses: &Responses,
 ) -> Vec<Candidate> {
     let states = &model.free_run.vehicle.states;
-    let data = model.free_run.data;
+    let (data, noise) = (model.free_run.data, score_test.noise());
     let grid = Grid::new(data);
-    let residual = transforms(data, &grid, score_test.residual());
-    let basis: Vec<Spectra> = score_test.basis().par_iter().map(|b| transforms(data, &grid, b)).collect();
-    let found = (0..states.len()).into_par_iter().filter_map(|i| {
-        let search =
-            EventSearch::new((data, &grid), score_test, responses.step(i)?, (&residual, basis.as_slice()));
-        let place = &states[i].name;
-        Some([search.step(place, sizes), search.pulse(place, sizes)].into_iter().flatten())
-    });
-    found.flatten_iter().collect()
+    let white = |i: &usize| Some((*i, noise.filter_all(data, responses.step(*i)?)));
+    let few = if data.is_long() { FEW_STATES } else { states.len().max(1) };
+    let all: Vec<usize> = (0..states.len()).collect();
+    let of = |some: &[usize]| -> Vec<Candidate> {
+        let responses: Vec<(usize, Vec<f64>)> = some.par_iter().filter_map(white).collect();
+        let shifted = shifted(score_test, &responses, &grid);
+        let found = responses.into_par_iter().zip(shifted).map(|((i, white), (products, overlaps))| {
+            let search = EventSearch { data, grid: &grid, white, products, overlaps };
+            let place = &states[i].name;
+            [search.step(place, sizes), search.pulse(place, sizes)].into_iter().flatten()
+        });
+        found.flatten_iter().collect()
+    };
+    all.chunks(few).flat_map(of).collect()
 }
+
+/// Number of states whose responses are whitened at once in a long record. Cost: half the memory, and the spectra
+/// of the nuisances once more for every so many states.
+const FEW_STATES: usize = 4;
 
 /// An event at the grid time with the highest score.
 #[derive(Clone, Copy)]
@@ -94,20 +112,7 @@ struct EventSearch<'a> {
     overlaps: Vec<Vec<f64>>,
 }
 
-impl<'a> EventSearch<'a> {
-    fn new(
-        (data, grid): (&'a Data, &'a Grid),
-        score_test: &ScoreTest<'_>,
-        response: &[f64],
-        (residual, basis): (&Spectra, &[Spectra]),
-    ) -> Self {
-        let white = score_test.noise().filter_all(data, response);
-        let transforms = transforms(data, grid, &white);
-        let products = shifted(residual, &transforms, grid);
-        let overlaps = basis.iter().map(|b| shifted(b, &transforms, grid)).collect();
-        Self { data, grid, white, products, overlaps }
-    }
-
+impl EventSearch<'_> {
     /// Energy of the response to a pulse of `d` grid steps within its first k steps.
     fn energies(&self, d: usize) -> Vec<f64> {
         let (data, Grid { every, times, .. }) = (self.data, self.grid);
@@ -196,45 +201,72 @@ impl<'a> EventSearch<'a> {
     }
 }
 
-/// Spectra of all channels, each padded so that no shift wraps around.
-fn transforms(data: &Data, grid: &Grid, samples: &[f64]) -> Spectra {
-    let mut planner = FftPlanner::new();
-    data.ranges()
-        .into_iter()
-        .zip(&grid.lengths)
-        .map(|(range, (length, _))| {
-            let mut buffer: Vec<Complex<f64>> =
-                samples[range].iter().map(|v| Complex::new(*v, 0.0)).collect();
-            buffer.resize(*length, Complex::new(0.0, 0.0));
-            planner.plan_fft_forward(*length).process(&mut buffer);
-            buffer.truncate(length / 2 + 1);
-            buffer
-        })
-        .collect()
+/// Inner products of the residual, and of every nuisance, with each response when it begins at each time of the
+/// grid. Channel by channel: the spectra of all channels of all nuisances would be several times as large as the
+/// record.
+fn shifted(
+    score_test: &ScoreTest<'_>,
+    responses: &[(usize, Vec<f64>)],
+    grid: &Grid,
+) -> Vec<(Vec<f64>, Vec<Vec<f64>>)> {
+    let basis = score_test.basis();
+    let sums = || (0..=basis.len()).map(|_| Products::new(grid)).collect();
+    let mut all: Vec<Vec<Products>> = responses.iter().map(|_| sums()).collect();
+    for (range, transform) in score_test.data().ranges().into_iter().zip(&grid.channels) {
+        let of = |b: usize| if b == 0 { score_test.residual() } else { &basis[b - 1] };
+        let of = (0..=basis.len()).into_par_iter().map(|b| transform.spectrum(&of(b)[range.clone()]));
+        let of: Vec<Vec<Complex<f64>>> = of.collect();
+        all.par_iter_mut().zip(responses).for_each(|(sums, (_, response))| {
+            let response = transform.spectrum(&response[range.clone()]);
+            sums.iter_mut().zip(&of).for_each(|(sum, of)| sum.add(of, &response, transform));
+        });
+    }
+    let split = |sums: Vec<Products>| {
+        let mut sums = sums.into_iter().map(Products::finish);
+        (sums.next().unwrap_or_default(), sums.collect())
+    };
+    all.into_par_iter().map(split).collect()
 }
 
-/// Products of samples, given by their spectra, with a response that begins at each time of the grid; 0 at its end.
-///
-/// Only values at the grid times are needed: times in between may alias in the inverse transform.
-fn shifted(of: &Spectra, response: &Spectra, grid: &Grid) -> Vec<f64> {
-    let mut planner = FftPlanner::new();
-    let mut products = vec![0.0; grid.times + 1];
-    let mut short = 0;
-    let mut folded: Vec<Complex<f64>> = Vec::new();
-    let mut back = |folded: &mut Vec<Complex<f64>>| {
-        if !folded.is_empty() {
-            planner.plan_fft_inverse(folded.len()).process(folded);
-            products.iter_mut().take(grid.times).zip(&*folded).for_each(|(p, f)| *p += f.re);
-            folded.clear();
+impl Transform {
+    /// Spectrum from 0 to half the sampling rate.
+    fn spectrum(&self, samples: &[f64]) -> Vec<Complex<f64>> {
+        let length = self.forward.len();
+        let mut buffer: Vec<Complex<f64>> = Vec::with_capacity(length);
+        buffer.extend(samples.iter().map(|v| Complex::new(*v, 0.0)));
+        buffer.resize(length, Complex::new(0.0, 0.0));
+        self.forward.process(&mut buffer);
+        buffer.truncate(length / 2 + 1);
+        buffer.shrink_to_fit();
+        buffer
+    }
+}
+
+/// Products of samples with a response that begins at each time of the grid, summed over the channels; 0 at the
+/// grid's end.
+struct Products<'g> {
+    grid: &'g Grid,
+    values: Vec<f64>,
+    /// Spectrum of what is still to be added to the values, with its inverse transform. Only values at the grid
+    /// times are needed: times in between may alias.
+    folded: Option<(Vec<Complex<f64>>, Arc<dyn Fft<f64>>)>,
+}
+
+impl<'g> Products<'g> {
+    fn new(grid: &'g Grid) -> Self {
+        Self { grid, values: vec![0.0; grid.times + 1], folded: None }
+    }
+
+    /// Adds a channel, given by its spectra.
+    fn add(&mut self, of: &[Complex<f64>], response: &[Complex<f64>], transform: &Transform) {
+        let (length, short) = (transform.forward.len(), transform.inverse.len());
+        if self.folded.as_ref().is_some_and(|(folded, _)| folded.len() != short) {
+            self.transform_back();
         }
-    };
-    for ((of, response), (length, own)) in of.iter().zip(response).zip(&grid.lengths) {
-        if *own != short {
-            back(&mut folded);
-            (short, folded) = (*own, vec![Complex::new(0.0, 0.0); *own]);
-        }
-        let scale = 2.0 / *length as f64;
-        let edge = |k: usize| k == 0 || 2 * k == *length;
+        let new = || (vec![Complex::new(0.0, 0.0); short], Arc::clone(&transform.inverse));
+        let (folded, _) = self.folded.get_or_insert_with(new);
+        let scale = 2.0 / length as f64;
+        let edge = |k: usize| k == 0 || 2 * k == length;
         for (block, (a, b)) in of.chunks(short).zip(response.chunks(short)).enumerate() {
             for (k, (f, (a, b))) in folded.iter_mut().zip(a.iter().zip(b)).enumerate() {
                 let share = if edge(block * short + k) { 0.5 * scale } else { scale };
@@ -242,6 +274,16 @@ fn shifted(of: &Spectra, response: &Spectra, grid: &Grid) -> Vec<f64> {
             }
         }
     }
-    back(&mut folded);
-    products
+
+    fn transform_back(&mut self) {
+        if let Some((mut folded, inverse)) = self.folded.take() {
+            inverse.process(&mut folded);
+            self.values.iter_mut().take(self.grid.times).zip(folded).for_each(|(p, f)| *p += f.re);
+        }
+    }
+
+    fn finish(mut self) -> Vec<f64> {
+        self.transform_back();
+        self.values
+    }
 }

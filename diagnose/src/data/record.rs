@@ -9,6 +9,9 @@ use whirlstand_vehicle::{Simulator, Vehicle};
 use crate::DiagnoseError;
 use whirlstand_ident::identify::data::Segment;
 
+/// Number of samples from which on a record is long; a vector of so many takes 1.6 MB, and a fit needs dozens.
+const LONG_SAMPLES: usize = 200_000;
+
 /// One measured output, sampled every `stride` steps from step `first` on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
@@ -162,6 +165,12 @@ impl Data {
         self.channels.iter().map(|c| c.values.len()).sum()
     }
 
+    /// True for so many samples that vectors of all of them fill the memory: their fits are made one after
+    /// another, each on all processors, so that the memory does not grow with the number of processors.
+    pub fn is_long(&self) -> bool {
+        self.samples() > LONG_SAMPLES
+    }
+
     /// Number of samples that count.
     pub fn good(&self) -> usize {
         self.channels.iter().map(|c| c.good.iter().filter(|g| **g).count()).sum()
@@ -193,6 +202,14 @@ impl Data {
     /// Measured values of all channels, channel after channel.
     pub fn measured(&self) -> Vec<f64> {
         self.channels.iter().flat_map(|c| c.values.iter().copied()).collect()
+    }
+
+    /// Residual, measured minus predicted, with gaps filled.
+    pub fn residual(&self, predicted: &[f64]) -> Vec<f64> {
+        let measured = self.channels.iter().flat_map(|c| &c.values);
+        let mut residual: Vec<f64> = measured.zip(predicted).map(|(y, p)| y - p).collect();
+        self.fill(&mut residual);
+        residual
     }
 
     /// Replaces samples that do not count by linear interpolation between their neighbours. As the operation

@@ -15,7 +15,7 @@ use whirlstand_ident::identify::normal::pseudo_inverse;
 /// Effort of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Effort {
-    /// A few steps under one noise model: enough to rank a candidate. Sensitivities are not kept.
+    /// A few steps under one noise model: enough to rank a candidate.
     Glance,
     /// Iterate to the optimum.
     Full,
@@ -43,6 +43,15 @@ pub struct Model<'r, 'd> {
     pub free: &'r [Free],
     /// Effects with free parameters.
     pub terms: Vec<Candidate>,
+}
+
+/// Result of a fit without anything as long as the record: all that is kept of the many fits of a search.
+#[derive(Debug, Clone)]
+pub struct Optimum {
+    /// Best values.
+    pub values: Vec<f64>,
+    /// Likelihood and noise model of the residual.
+    pub profile: Profile,
 }
 
 /// A model at its best-fitting parameter values.
@@ -111,12 +120,6 @@ impl<'r, 'd> Model<'r, 'd> {
         self.free_run.run_vehicle(&self.vehicle(values)?, &values[..self.states()])
     }
 
-    fn residual(&self, measured: &[f64], predicted: &[f64]) -> Vec<f64> {
-        let mut residual: Vec<f64> = measured.iter().zip(predicted).map(|(y, p)| y - p).collect();
-        self.free_run.data.fill(&mut residual);
-        residual
-    }
-
     /// Fits all values to the optimum, alternating with the noise model. `initial` are sensitivities to the
     /// initial state from a model nearby: they guide the search, and the result does not depend on them.
     ///
@@ -128,14 +131,45 @@ impl<'r, 'd> Model<'r, 'd> {
         noise: Option<&Noise>,
         initial: Option<&[Column]>,
     ) -> Result<Fit, ModelError> {
-        self.fit_with(start, noise, initial, Effort::Full)
+        let fit = self.search(start, noise, initial, Effort::Full)?;
+        if fit.columns.is_empty() {
+            let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), initial)?;
+            return Ok(Fit { columns, ..fit });
+        }
+        Ok(fit)
     }
 
-    /// Fits all values as [`Model::fit`], with the given effort.
+    /// The optimum of [`Model::fit`], with the given effort.
     ///
     /// # Errors
     /// As [`Model::fit`].
-    pub fn fit_with(
+    pub fn optimum(
+        &self,
+        start: Vec<f64>,
+        noise: Option<&Noise>,
+        initial: Option<&[Column]>,
+        effort: Effort,
+    ) -> Result<Optimum, ModelError> {
+        let Fit { values, profile, .. } = self.search(start, noise, initial, effort)?;
+        Ok(Optimum { values, profile })
+    }
+
+    /// The fit at an optimum: predictions, residual and sensitivities are computed again. `initial` as in
+    /// [`Model::fit`].
+    ///
+    /// # Errors
+    /// As [`Model::fit`].
+    pub fn at(&self, optimum: &Optimum, initial: &[Column]) -> Result<Fit, ModelError> {
+        let Optimum { values, profile } = optimum.clone();
+        let predicted = self.predict(&values)?;
+        let residual = self.free_run.data.residual(&predicted);
+        let columns = self.columns(&values, &predicted, &self.slots(), Some(initial))?;
+        Ok(Fit { values, predicted, residual, profile, columns })
+    }
+
+    /// Searches the optimum. The sensitivities of the last step are kept where all of them were computed;
+    /// where those to the initial state were given, there are none.
+    fn search(
         &self,
         start: Vec<f64>,
         noise: Option<&Noise>,
@@ -144,10 +178,10 @@ impl<'r, 'd> Model<'r, 'd> {
     ) -> Result<Fit, ModelError> {
         let data = self.free_run.data;
         let (outer, inner) = effort.rounds();
-        let (measured, slots) = (data.measured(), self.slots());
+        let slots = self.slots();
         let mut values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
         let mut predicted = self.predict(&values)?;
-        let mut residual = self.residual(&measured, &predicted);
+        let mut residual = data.residual(&predicted);
         let again =
             |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
         let mut profile = again(&residual);
@@ -177,7 +211,7 @@ impl<'r, 'd> Model<'r, 'd> {
                     }
                 };
                 let moved = self.lower((&values, &information, &right), &slots, &mut damping, |predicted| {
-                    let residual = self.residual(&measured, predicted);
+                    let residual = data.residual(predicted);
                     let white = used.whiten(data, &residual);
                     let lower = dot(&white, &white);
                     (lower < cost).then_some((residual, white, lower))
@@ -199,11 +233,6 @@ impl<'r, 'd> Model<'r, 'd> {
             if same || gain.abs() < FIT_TOLERANCE || self.free_run.is_stopped() {
                 break;
             }
-        }
-        if effort == Effort::Glance {
-            columns.clear();
-        } else if initial.is_some() || columns.is_empty() {
-            columns = self.columns(&values, &predicted, &slots, initial)?;
         }
         Ok(Fit { values, predicted, residual, profile, columns })
     }

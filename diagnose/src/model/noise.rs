@@ -3,6 +3,8 @@
 use crate::thresholds::{DECLARED_NOISE_LOG_STD, MAX_AR_ORDER};
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use whirlstand_ident::identify::ar::Ar;
 
 use crate::data::record::Data;
@@ -57,33 +59,33 @@ impl Noise {
     /// The declared noise of a sensor is a prior: the logarithm of its standard deviation is normally
     /// distributed. Without it, an autoregressive model takes any offset for slow noise at hardly any cost.
     pub fn fit(data: &Data, residual: &[f64]) -> Profile {
+        let ranges = data.ranges();
+        let models = over_channels(data, |c| {
+            let (channel, r) = (&data.channels[c], &residual[ranges[c].clone()]);
+            let mut ar = Ar::burg(r, MAX_AR_ORDER);
+            let white = filtered(&ar, r);
+            let (mut sum, mut power, mut rows) = (0.0, 0.0, 0usize);
+            for ((e, r), _) in
+                white.iter().zip(r).zip(&channel.good).skip(MAX_AR_ORDER).filter(|(_, good)| **good)
+            {
+                sum += e * e;
+                power += r * r;
+                rows += 1;
+            }
+            ar.variance = (sum / rows.max(1) as f64).max(f64::MIN_POSITIVE);
+            let total = (power / rows.max(1) as f64).sqrt().max(ar.variance.sqrt());
+            (ar, total, rows)
+        });
         let mut profile = Profile {
             noise: Self { channels: Vec::new(), total: Vec::new(), common: None, given: false },
             log_likelihood: 0.0,
             rows: 0,
             parameters: 0,
         };
-        for (channel, range) in data.channels.iter().zip(data.ranges()) {
-            let r = &residual[range];
-            let mut ar = Ar::burg(r, MAX_AR_ORDER);
-            let white = filtered(&ar, r);
-            let (mut sum, mut rows) = (0.0, 0usize);
-            for (e, good) in white.iter().zip(&channel.good).skip(MAX_AR_ORDER) {
-                if *good {
-                    sum += e * e;
-                    rows += 1;
-                }
-            }
-            ar.variance = (sum / rows.max(1) as f64).max(f64::MIN_POSITIVE);
+        for (channel, (ar, total, rows)) in data.channels.iter().zip(models) {
             profile.log_likelihood -= 0.5 * rows as f64 * (ar.variance.ln() + 1.0);
             profile.rows += rows;
             profile.parameters += ar.order() + 1;
-            let (mut power, mut count) = (0.0, 0usize);
-            for (r, _) in r.iter().zip(&channel.good).skip(MAX_AR_ORDER).filter(|(_, good)| **good) {
-                power += r * r;
-                count += 1;
-            }
-            let total = (power / count.max(1) as f64).sqrt().max(ar.variance.sqrt());
             // The innovations of a predictor that follows the record exceed the noise of its sensors.
             if data.memory_s.is_none() && channel.declared > 0.0 {
                 profile.log_likelihood -=
@@ -131,20 +133,27 @@ impl Noise {
     /// be predicted from, are divided by the noise's total standard deviation: likelihoods leave them out,
     /// but fast modes of the initial state show nowhere else.
     pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
+        let ranges = data.ranges();
         if let Some(common) = &self.common {
             return self.masked(data, samples, common.filter(data, samples));
         }
         let mut out = vec![0.0; samples.len()];
-        let models = self.channels.iter().zip(&self.total);
-        for ((channel, range), (ar, total)) in data.channels.iter().zip(data.ranges()).zip(models) {
-            let (raw, white) = (&samples[range.clone()], &mut out[range]);
+        let whiten = |(c, white): (usize, &mut [f64])| {
+            let (channel, range) = (&data.channels[c], ranges[c].clone());
+            let (ar, total, raw) = (&self.channels[c], self.total[c], &samples[range]);
             ar.filter(raw, white);
             let over = |std: f64| if std > 0.0 { 1.0 / std } else { 0.0 };
-            let (scale, early) = (over(ar.variance.sqrt()), over(*total));
+            let (scale, early) = (over(ar.variance.sqrt()), over(total));
             let first = white.len().min(MAX_AR_ORDER);
             white[first..].iter_mut().for_each(|e| *e *= scale);
             white[..first].iter_mut().zip(raw).for_each(|(e, raw)| *e = raw * early);
             white.iter_mut().zip(&channel.good).filter(|(_, good)| !**good).for_each(|(e, _)| *e = 0.0);
+        };
+        let parts = parts(&ranges, &mut out).into_iter().enumerate();
+        if data.is_long() {
+            parts.collect::<Vec<_>>().into_par_iter().for_each(whiten);
+        } else {
+            parts.for_each(whiten);
         }
         out
     }
@@ -186,6 +195,23 @@ impl Noise {
         let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
         whirlstand_logs::stats::rms(&kept)
     }
+}
+
+/// A result for each channel, all at once where the record is long.
+fn over_channels<T: Send>(data: &Data, of: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    let channels = 0..data.channels.len();
+    if data.is_long() { channels.into_par_iter().map(of).collect() } else { channels.map(of).collect() }
+}
+
+/// The parts of a vector of all samples, one per channel.
+fn parts<'s>(ranges: &[std::ops::Range<usize>], mut samples: &'s mut [f64]) -> Vec<&'s mut [f64]> {
+    let mut parts = Vec::with_capacity(ranges.len());
+    for range in ranges {
+        let (part, rest) = samples.split_at_mut(range.len());
+        parts.push(part);
+        samples = rest;
+    }
+    parts
 }
 
 /// The filter A(q) applied to a sequence, with zeros before its beginning.

@@ -66,7 +66,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
             d => format!("it gains {d:.1} in BIC; at least {MIN_BIC_GAIN:.0} is required"),
         });
     }
-    let Some(extended) = &alternative.fit else {
+    let Some(optimum) = &alternative.optimum else {
         return refuse("other candidates explain more".into());
     };
     // Where an effect was absorbed as coloured noise, the noise model has parameters that it does not need
@@ -77,32 +77,33 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     if p_value >= MAX_P_VALUE {
         return refuse(format!("not significant: p = {p_value:.2} after correction for multiple tests"));
     }
-    let mut whole = model.clone();
-    whole.terms.push(alternative.candidate.clone());
-    let covariance = match whole.covariance(extended) {
+    let Some((whole, extended)) = alternative.whole(model, fit) else {
+        return Decision::Undetermined("no confidence interval: a sensitivity cannot be simulated".into());
+    };
+    let covariance = match whole.covariance(&extended) {
         Ok(covariance) => covariance,
         Err(why) => {
             return Decision::Undetermined(format!("no confidence interval: {why}"));
         }
     };
-    let from = extended.values.len() - k;
+    let from = optimum.values.len() - k;
     for (i, tunable) in alternative.candidate.tunables.iter().enumerate() {
         if !tunable.size {
             continue;
         }
         // A value at the end of its range is no optimum and has no interval (Self and Liang 1987): a mode at
         // the limit of damping is not accepted.
-        let value = extended.values[from + i];
+        let value = optimum.values[from + i];
         if value == tunable.lower || value == tunable.upper {
             return Decision::Undetermined(format!("its {} is at the limit of its range", tunable.name));
         }
         let null = if i + 1 == k { alternative.candidate.null } else { 0.0 };
-        let size = (extended.values[from + i] - null).abs();
+        let size = (optimum.values[from + i] - null).abs();
         let mut variance = covariance[(from + i, from + i)];
         // A record determines the area of a short pulse; its height and duration are correlated.
         if let Some(d) = alternative.candidate.tunables.iter().position(|t| t.name == "duration_s") {
-            let share = size / extended.values[from + d].abs().max(f64::MIN_POSITIVE);
-            let sign = (extended.values[from + i] - null).signum();
+            let share = size / optimum.values[from + d].abs().max(f64::MIN_POSITIVE);
+            let sign = (optimum.values[from + i] - null).signum();
             let both = covariance[(from + i, from + d)];
             variance += share * share * covariance[(from + d, from + d)] + 2.0 * sign * share * both;
         }
@@ -115,7 +116,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
             ));
         }
     }
-    let heldout = held_out_gain((model, fit), (&whole, extended));
+    let heldout = held_out_gain((model, fit), (&whole, &extended));
     if heldout <= MIN_HELD_OUT_SIGMAS {
         return refuse(format!(
             "on held-out data it gains {heldout:.1} standard errors; at least 2 is required"
@@ -135,7 +136,7 @@ fn signature(model: &Model<'_, '_>, candidate: &Candidate, values: &[f64]) -> Op
 }
 
 fn detectability(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative) -> Option<f64> {
-    let extended = alternative.fit.as_ref()?;
+    let extended = alternative.optimum.as_ref()?;
     let zero = vec![0.0; fit.residual.len()];
     let score_test = ScoreTest::new(model.free_run.data, &extended.profile.noise, &zero, &fit.columns);
     let s = score_test.signature(&signature(model, &alternative.candidate, &extended.values)?);
@@ -149,7 +150,7 @@ pub(crate) fn rivals(
     own: &Alternative,
     alternatives: &[Surveyed],
 ) -> Vec<Rival> {
-    let Some(extended) = &own.fit else { return Vec::new() };
+    let Some(extended) = &own.optimum else { return Vec::new() };
     let Some(mine) = signature(model, &own.candidate, &extended.values) else { return Vec::new() };
     let zero = vec![0.0; fit.residual.len()];
     let score_test = ScoreTest::new(model.free_run.data, &extended.profile.noise, &zero, &fit.columns);

@@ -2,21 +2,32 @@
 
 use crate::Watch;
 use crate::candidates::library::{Candidate, Sizes};
-use crate::model::fit::{Effort, Fit, Model};
+use crate::model::fit::{Effort, Fit, Model, Optimum};
 
 /// A candidate beside the terms of a model, fitted together with them.
 #[derive(Debug, Clone)]
 pub struct Alternative {
     /// The candidate effect.
     pub candidate: Candidate,
-    /// The fit of model and candidate, the candidate's values last. `None` when it was not worth a fit.
-    pub fit: Option<Fit>,
+    /// The optimum of model and candidate, the candidate's values last. `None` when it was not worth a fit.
+    pub optimum: Option<Optimum>,
     /// The terms of the model in that fit; the final model may have others.
     pub beside: Vec<Candidate>,
     /// Gain in BIC over the model without the candidate, from the fit or estimated from the score.
     pub delta_bic: f64,
     /// Twice the gain in log-likelihood.
     pub ratio: f64,
+}
+
+impl Alternative {
+    /// Model and candidate with their fit; `model` and `fit` are those beside which the candidate was fitted.
+    /// `None` when it was not worth a fit.
+    pub fn whole<'r, 'd>(&self, model: &Model<'r, 'd>, fit: &Fit) -> Option<(Model<'r, 'd>, Fit)> {
+        let mut whole = model.clone();
+        whole.terms.push(self.candidate.clone());
+        let fit = whole.at(self.optimum.as_ref()?, &fit.columns[..model.states()]).ok()?;
+        Some((whole, fit))
+    }
 }
 
 /// Inputs of a search besides model and fit.
@@ -68,9 +79,9 @@ pub fn joined(
     let mut extended = model.clone();
     extended.terms.push(candidate.clone());
     let initial = &fit.columns[..model.states()];
-    let result = extended.fit_with(values, fit.profile.noise.shared(), Some(initial), effort).ok()?;
+    let result = extended.optimum(values, fit.profile.noise.shared(), Some(initial), effort).ok()?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
     let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
     let beside = model.terms.clone();
-    Some(Alternative { candidate: candidate.clone(), fit: Some(result), beside, delta_bic, ratio })
+    Some(Alternative { candidate: candidate.clone(), optimum: Some(result), beside, delta_bic, ratio })
 }

@@ -69,11 +69,9 @@ impl Search<'_, '_, '_> {
         let mut library = self.space.library.to_vec();
         loop {
             let before = library.len();
-            if let Some(Alternative { candidate, fit: Some(better), .. }) =
-                self.best(alternatives, &mut library)
-            {
-                self.model.terms.push(candidate);
-                self.fit = better;
+            let best = self.best(alternatives, &mut library);
+            if let Some(whole) = best.and_then(|best| best.whole(&self.model, &self.fit)) {
+                (self.model, self.fit) = whole;
                 return true;
             }
             if library.len() == before || self.space.watch.is_stopped() {
@@ -157,11 +155,9 @@ impl Search<'_, '_, '_> {
                 .filter(|_| exchanges < MAX_EXCHANGES)
                 .and_then(|rival| in_its_place(&reduced, &without, &own, rival))
                 .filter(|t| matches!(decide(&reduced, &without, t, self.hypotheses), Decision::Accepted(_)));
-            if let Some(Alternative { candidate, fit: Some(better), .. }) = better {
+            if let Some(better) = better.and_then(|better| better.whole(&reduced, &without)) {
                 exchanges += 1;
-                self.model = reduced;
-                self.model.terms.push(candidate);
-                self.fit = better;
+                (self.model, self.fit) = better;
                 accepted.clear();
                 continue;
             }
@@ -222,7 +218,7 @@ impl<'r, 'd> Search<'r, 'd, '_> {
                 break;
             }
             let (one, fit) = without(&self.model, &self.fit, j)?;
-            let (mut reduced, fit) = without(&one, &fit, i)?;
+            let (reduced, fit) = without(&one, &fit, i)?;
             let own = |c: &&Candidate| {
                 c.place == terms[i].place && ![terms[i].kind, terms[j].kind].contains(&c.kind)
             };
@@ -230,12 +226,11 @@ impl<'r, 'd> Search<'r, 'd, '_> {
             let space = SearchSpace { library: &own, ..*self.space };
             let both = fit.profile.bic(reduced.parameters()) - self.fit.profile.bic(self.model.parameters());
             let alternatives = survey(&reduced, &fit, &space).into_iter();
-            let mut single = alternatives.filter(|t| t.fit.is_some() && t.delta_bic + name > both);
+            let mut single = alternatives.filter(|t| t.optimum.is_some() && t.delta_bic + name > both);
             let single =
                 single.find(|t| matches!(decide(&reduced, &fit, t, self.hypotheses), Decision::Accepted(_)));
-            if let Some(Alternative { candidate, fit: Some(better), .. }) = single {
-                reduced.terms.push(candidate);
-                return Ok(Some((reduced, better)));
+            if let Some(better) = single.and_then(|single| single.whole(&reduced, &fit)) {
+                return Ok(Some(better));
             }
         }
         Ok(None)
@@ -297,9 +292,9 @@ fn in_its_place(
     own: &Alternative,
     rival: &Rival,
 ) -> Option<Alternative> {
-    let fit = own.fit.as_ref()?;
-    let others = fit.values.len() - own.candidate.tunables.len();
-    let values = fit.values[..others].iter().chain(&rival.values).copied().collect();
+    let fitted = &own.optimum.as_ref()?.values;
+    let others = fitted.len() - own.candidate.tunables.len();
+    let values = fitted[..others].iter().chain(&rival.values).copied().collect();
     joined(reduced, without, &rival.candidate, values, Effort::Full)
 }
 
@@ -320,15 +315,13 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, s
         let alternatives = surveys.survey(&reduced, &without, space).into_iter();
         let mut better = alternatives.filter(|t| {
             let lead = lead((model.terms[term].kind, own_bic), t.candidate.kind, data);
-            t.fit.is_some() && t.delta_bic > MIN_BIC_GAIN.max(own_bic + lead)
+            t.optimum.is_some() && t.delta_bic > MIN_BIC_GAIN.max(own_bic + lead)
         });
         let best = better.find(|t| !matches!(decide(&reduced, &without, t, 1), Decision::Undetermined(_)));
         match best {
             Some(best) => {
-                let Some(better) = best.fit else { return };
-                *model = reduced;
-                model.terms.push(best.candidate);
-                *fit = better;
+                let Some(better) = best.whole(&reduced, &without) else { return };
+                (*model, *fit) = better;
             }
             _ if own_bic < MIN_BIC_GAIN => {
                 *model = reduced;

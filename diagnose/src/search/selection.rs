@@ -35,8 +35,8 @@ pub struct Refused {
 
 impl Refused {
     /// The refused candidate of an alternative, with the reason.
-    pub fn new(Alternative { candidate, fit, beside, delta_bic, .. }: Alternative, why: String) -> Self {
-        Self { candidate, values: fit.map(|fit| fit.values), beside, delta_bic, why }
+    pub fn new(Alternative { candidate, optimum, beside, delta_bic, .. }: Alternative, why: String) -> Self {
+        Self { candidate, values: optimum.map(|optimum| optimum.values), beside, delta_bic, why }
     }
 }
 

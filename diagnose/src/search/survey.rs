@@ -30,20 +30,23 @@ struct ScoredStart {
 /// Scores every candidate of the search space, and the events and tones that the residual suggests. Best
 /// first.
 pub fn survey(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<Alternative> {
-    let score_tests = score_tests(model, fit, space);
-    let candidates = candidates(model, fit, space, &score_tests);
+    let noises = noises(fit, space);
+    let candidates = candidates(model, fit, space, &noises);
     let beside = match model.terms.len() {
         0 => "for a cause".into(),
         n => format!("for another cause in addition to {n}"),
     };
     let looks = format!("searching {beside}: {} candidates", candidates.len());
     let counter = space.watch.count(looks, candidates.len());
+    let score_tests: Vec<ScoreTest<'_>> = noises.iter().map(|noise| score_test(model, fit, noise)).collect();
     let mut alternatives = profiles(model, fit, &score_tests, candidates, &counter);
+    // Each is as large as all sensitivities; the fits need that room.
+    drop(score_tests);
     alternatives.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
     once(&mut alternatives);
     fit_best(model, fit, &mut alternatives, space.watch);
     alternatives.sort_by(|a, b| {
-        let fitted = |t: &Alternative| t.fit.is_some();
+        let fitted = |t: &Alternative| t.optimum.is_some();
         fitted(&b.0).cmp(&fitted(&a.0)).then(b.0.delta_bic.total_cmp(&a.0.delta_bic))
     });
     simpler_first(model, fit, space, &mut alternatives);
@@ -52,30 +55,30 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<
     alternatives.filter(|t| names.insert(t.candidate.name())).collect()
 }
 
-/// Score tests under two noise models: where an effect is strong, a noise model fitted to its traces hides
-/// it; white noise of the declared size does not. The likelihood with a refitted noise model decides.
-fn score_tests<'d>(model: &Model<'_, 'd>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<ScoreTest<'d>> {
-    let (data, noise) = (model.free_run.data, &fit.profile.noise);
-    let mut score_tests = vec![ScoreTest::new(data, noise, &fit.residual, &fit.columns)];
+/// Noise models of the score tests. Where an effect is strong, a noise model fitted to its traces hides it;
+/// white noise of the declared size does not. The likelihood with a refitted noise model decides.
+fn noises(fit: &Fit, space: &SearchSpace<'_>) -> Vec<Noise> {
+    let noise = &fit.profile.noise;
+    let mut noises = vec![noise.clone()];
     if noise.common.is_none() && noise.channels.iter().any(|ar| ar.order() > 0) {
         let stds = space.declared.iter().zip(&noise.channels);
         let stds: Vec<f64> = stds.map(|(declared, ar)| declared.max(ar.variance.sqrt())).collect();
-        score_tests.push(ScoreTest::new(data, &Noise::white(&stds), &fit.residual, &fit.columns));
+        noises.push(Noise::white(&stds));
     }
-    score_tests
+    noises
+}
+
+fn score_test<'d>(model: &Model<'_, 'd>, fit: &Fit, noise: &Noise) -> ScoreTest<'d> {
+    ScoreTest::new(model.free_run.data, noise, &fit.residual, &fit.columns)
 }
 
 /// The library without the terms of the model, plus the events and tones that the residual suggests.
-fn candidates(
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    space: &SearchSpace<'_>,
-    score_tests: &[ScoreTest<'_>],
-) -> Vec<Candidate> {
+fn candidates(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>, noises: &[Noise]) -> Vec<Candidate> {
     let known = |c: &&Candidate| model.terms.iter().any(|t| t.kind == c.kind && t.place == c.place);
     let mut candidates: Vec<Candidate> = space.library.iter().filter(|c| !known(c)).cloned().collect();
     let responses = Responses::new(model, fit, space.sizes);
-    for score_test in score_tests {
+    for noise in noises {
+        let score_test = &score_test(model, fit, noise);
         // An event of one of several records cannot be an event of the others.
         if model.free_run.data.starts.len() == 1 {
             candidates.extend(events::events(model, score_test, space.sizes, &responses));
@@ -126,7 +129,7 @@ fn profiles(
         }
         let (delta_bic, values) = best;
         let ratio = delta_bic + cost;
-        (Alternative { candidate, fit: None, beside: Vec::new(), delta_bic, ratio }, values)
+        (Alternative { candidate, optimum: None, beside: Vec::new(), delta_bic, ratio }, values)
     };
     scored.into_par_iter().zip(promising).map(profile).collect()
 }
@@ -148,17 +151,21 @@ struct Glance {
 /// gain is close to the best gain.
 fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, Vec<f64>)], watch: &Watch) {
     let glance = |(i, (t, start)): (usize, &(Alternative, Vec<f64>))| {
+        if watch.is_stopped() {
+            return None;
+        }
         let glance = fitted_with(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
-        let values = glance.fit?.values;
+        let values = glance.optimum?.values;
         let own = values[values.len() - t.candidate.tunables.len()..].to_vec();
         let promise = glance.delta_bic.max(t.delta_bic);
         let sure = if t.candidate.linear { promise } else { glance.delta_bic };
         Some(Glance { i, own, promise, sure })
     };
     watch.tell("fitting the most likely causes");
-    let hopeful = alternatives.par_iter().enumerate().take(GLANCED);
-    let hopeful = hopeful.filter(|(_, (t, _))| t.delta_bic > HOPELESS_BIC && !watch.is_stopped());
-    let mut glances: Vec<Glance> = hopeful.filter_map(glance).collect();
+    let hopeful =
+        alternatives.iter().enumerate().take(GLANCED).filter(|(_, (t, _))| t.delta_bic > HOPELESS_BIC);
+    let alone = model.free_run.data.is_long();
+    let mut glances = fits(hopeful.collect(), alone, glance);
     glances.sort_by(|a, b| b.promise.total_cmp(&a.promise));
     let best = glances.iter().map(|g| g.sure).fold(0.0, f64::max);
     let mut rank = 0..;
@@ -173,9 +180,17 @@ fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, 
         }
         Some((fitted(model, fit, &alternatives[g.i].0.candidate, g.own)?, g.i))
     };
-    let fitted: Vec<(Alternative, usize)> = glances.into_par_iter().filter_map(full).collect();
-    for (fitted, i) in fitted {
+    for (fitted, i) in fits(glances, alone, full) {
         alternatives[i].0 = fitted;
+    }
+}
+
+/// Makes fits side by side, or one after another.
+fn fits<T: Send, F: Send>(of: Vec<T>, alone: bool, fit: impl Fn(T) -> Option<F> + Sync + Send) -> Vec<F> {
+    if alone {
+        of.into_iter().filter_map(fit).collect()
+    } else {
+        of.into_par_iter().filter_map(fit).collect()
     }
 }
 

@@ -20,7 +20,7 @@ pub(crate) struct Surveyed {
 
 impl From<&Alternative> for Surveyed {
     fn from(alternative: &Alternative) -> Self {
-        let values = alternative.fit.as_ref().map(|f| f.values.clone());
+        let values = alternative.optimum.as_ref().map(|f| f.values.clone());
         Self {
             candidate: alternative.candidate.clone(),
             values,

@@ -19,7 +19,7 @@ pub(super) fn simpler_first(
     let Some((kind, same)) = simpler(first.candidate.kind, first.delta_bic, data) else { return };
     // On coarse samples the likelihood of a delay has local maxima: the equivalent starts where the best has
     // ended.
-    let again = first.fit.as_ref().filter(|_| single(data) && kind != Kind::Vibration).and_then(|best| {
+    let again = first.optimum.as_ref().filter(|_| single(data) && kind != Kind::Vibration).and_then(|best| {
         let candidate = space.library.iter().find(|c| c.kind == kind)?;
         joined(model, fit, candidate, best.values.clone(), Effort::Full)
     });
@@ -29,7 +29,7 @@ pub(super) fn simpler_first(
         alternatives.retain(|(t, _)| t.candidate.kind != kind);
         alternatives.insert(0, (again, start));
     } else if let Some(i) = alternatives.iter().position(|(t, _)| t.candidate.kind == kind)
-        && alternatives[i].0.fit.is_some()
+        && alternatives[i].0.optimum.is_some()
         && bic - alternatives[i].0.delta_bic < same
     {
         alternatives[..=i].rotate_right(1);

@@ -11,7 +11,8 @@ use crate::{DiagnoseError, Options};
 /// Records on an even grid, with the findings on them.
 #[derive(Debug, Clone)]
 pub(crate) struct Loaded<'a> {
-    pub records: &'a [Record],
+    /// Files of the records.
+    pub origins: Vec<String>,
     pub vehicle: &'a Vehicle,
     pub options: &'a Options,
     pub data: Data,
@@ -29,7 +30,7 @@ impl<'a> Loaded<'a> {
     /// # Errors
     /// When an input or every output is missing, a record is too short, or their periods differ.
     pub fn new(
-        records: &'a [Record],
+        records: &[Record],
         vehicle: &'a Vehicle,
         options: &'a Options,
     ) -> Result<Self, DiagnoseError> {
@@ -37,7 +38,8 @@ impl<'a> Loaded<'a> {
         let data = Data::join(records, vehicle, options.period_s.or(coarser))?;
         let mut found: Vec<_> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
         found.extend(coarser.map(checks::thinned));
-        Ok(Self { records, vehicle, options, data, found, stranger: None, likeliest_s: None })
+        let origins = records.iter().map(|r| r.origin.clone()).collect();
+        Ok(Self { origins, vehicle, options, data, found, stranger: None, likeliest_s: None })
     }
 
     /// The same records for a predictor that follows them with a memory of `memory_s`. Predictions over the

@@ -13,7 +13,7 @@ use whirlstand_vehicle::Vehicle;
 
 /// The diagnosis of a record, as the program makes it.
 pub fn diagnosis(record: Record, vehicle: &Vehicle) -> Diagnosis {
-    diagnose(&[record], vehicle, &Options::default()).unwrap()
+    diagnose(vec![record], vehicle, &Options::default()).unwrap()
 }
 
 /// Names of all causes, sorted, each with those that cannot be told from it.

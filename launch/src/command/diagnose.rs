@@ -23,7 +23,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     let options = options(args, &vehicle, watch)?;
     let records =
         args.logs.iter().map(|path| part(path, &args.part, &vehicle)).collect::<Result<Vec<_>, _>>()?;
-    let answer = run(&records, &vehicle, &options);
+    let answer = run(records, &vehicle, &options);
     let search = search.finish();
     let mut answer = answer.map_err(Failure::mend)?;
     let extended =

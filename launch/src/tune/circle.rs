@@ -222,7 +222,7 @@ fn diagnosis(args: &TuneArgs, vehicle: &Vehicle) -> Result<Diagnosis, Failure> {
     let listener = line.listener();
     let watch = Watch::new(Arc::new(AtomicBool::new(false)), listener);
     let answer =
-        diagnose(&records, vehicle, &Options { watch, period_s: args.part.period, ..Options::default() });
+        diagnose(records, vehicle, &Options { watch, period_s: args.part.period, ..Options::default() });
     line.finish();
     answer.map_err(Failure::mend)
 }
