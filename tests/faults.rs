@@ -108,6 +108,13 @@ static NO_MORE: libc::rlimit = libc::rlimit { rlim_cur: 20 << 20, rlim_max: libc
 /// As much as it asks for.
 static AGAIN: libc::rlimit = libc::rlimit { rlim_cur: libc::RLIM_INFINITY, rlim_max: libc::RLIM_INFINITY };
 
+/// Limits the memory of a process.
+fn no_more_than(pid: i32, to: &'static libc::rlimit) {
+    // SAFETY: prlimit(2) reads a structure that lives, and is told to write none.
+    let done = unsafe { libc::prlimit(pid, libc::RLIMIT_AS, to, std::ptr::null_mut()) };
+    assert_eq!(done, 0, "prlimit of {pid}");
+}
+
 /// Nodes of the loop ask for no memory in flight. The recorder does: it ends and is started again, and what the log lacks is told.
 #[test]
 fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it_lacks() {
@@ -117,18 +124,13 @@ fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it
     let more = ["--set", FAULTS_ALLOWED, "--log-level", "debug"];
     let mut bench = spawn(whirlstand(args.into_iter().chain(more)));
     let [recorder, estimator, controller] = all_ready(&mut bench, ["recorder", "estimator", "controller"]);
-    let limit = |pid, to: &'static libc::rlimit| {
-        // SAFETY: prlimit(2) reads a structure that lives, and is told to write none.
-        let done = unsafe { libc::prlimit(pid, libc::RLIMIT_AS, to, std::ptr::null_mut()) };
-        assert_eq!(done, 0, "prlimit of {pid}");
-    };
     bench.wait_for_stderr("steps/s");
-    [estimator, controller].into_iter().for_each(|pid| limit(pid, &NO_MORE));
+    [estimator, controller].into_iter().for_each(|pid| no_more_than(pid, &NO_MORE));
     let line = bench.wait_for_stderr("steps/s");
     assert!(line.contains("lost 0  restarts 0"), "{line}");
     // A new recorder asks those for memory who are to speak to it.
-    [estimator, controller].into_iter().for_each(|pid| limit(pid, &AGAIN));
-    limit(recorder, &NO_MORE);
+    [estimator, controller].into_iter().for_each(|pid| no_more_than(pid, &AGAIN));
+    no_more_than(recorder, &NO_MORE);
     // It says that the system has no memory left, unless it is the compressor that gets none, whose crate panics.
     let ended = bench.wait_for_stderr("recorder ended with exit code ");
     assert!(ended.contains("restarting it"), "{ended}");
@@ -149,6 +151,35 @@ fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it
             ((topic(name)["to"].as_f64().unwrap() - topic(name)["from"].as_f64().unwrap()) / 0.005).round();
         assert_eq!((of("messages") + of("lost"), of("gaps")), (steps as u64 + 1, 1), "{name}: {log}");
     }
+}
+
+/// A node at its limit of memory cannot be heard by a recorder that is started again: the log ends early for its
+/// topic, and the run says so.
+#[test]
+fn a_node_that_a_new_recorder_does_not_hear_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().to_str().unwrap();
+    let args = ["run", "quadrotor", "--mode", "lockstep", "--duration", "1000 h", "--out", out];
+    let mut bench =
+        spawn(whirlstand(args.into_iter().chain(["--set", FAULTS_ALLOWED, "--log-level", "debug"])));
+    let [recorder, estimator] = all_ready(&mut bench, ["recorder", "estimator"]);
+    bench.wait_for_stderr("steps/s");
+    no_more_than(estimator, &NO_MORE);
+    // SAFETY: kill(2) reads nothing; the process is a child of the bench, which has not reaped it.
+    assert_eq!(unsafe { libc::kill(recorder, libc::SIGKILL) }, 0);
+    bench.wait_for_stderr("restarting it");
+    // The loop goes on for more than the second that a killed recorder may leave unwritten.
+    for _ in 0..2 {
+        let line = bench.wait_for_stderr("steps/s");
+        assert!(line.contains("restarts 1"), "{line}");
+    }
+    bench.signal(libc::SIGTERM);
+    let end = bench.finish();
+    assert_eq!(end.code(), 128 + libc::SIGTERM);
+    assert!(end.stdout.contains("the log has no estimate after "), "{}\n{}", end.stdout, end.stderr);
+    let summary: Value =
+        serde_json::from_str(&std::fs::read_to_string(dir.path().join("summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["ok"], false, "{summary}");
 }
 
 #[test]

@@ -14,6 +14,9 @@ pub(crate) const TOPICS: usize = 7;
 /// Most messages of a topic that wait for another one. A recorder's queues hold 1024.
 const MOST_WAITING: usize = 4_096;
 
+/// Topics of which each step leaves a message in the log, where the bench has them: index and name.
+pub(crate) const LOOP: [(usize, &str); 4] = [(1, "truth"), (2, "estimate"), (3, "command"), (4, "imu")];
+
 /// Index of a message's topic among the sorted ones, and its time, ns. `None` for health and disturbances, which
 /// are not sorted.
 pub(crate) fn place(message: &BenchMessage) -> Option<(usize, u64)> {

@@ -63,6 +63,8 @@ pub struct Run {
     pub health: Vec<NodeHealth>,
     /// Parts that could not be written into the log.
     pub holes: Vec<Hole>,
+    /// Topics of the loop with the time of their last message, s.
+    pub ends: Vec<(&'static str, f64)>,
 }
 
 impl Run {
@@ -93,6 +95,7 @@ impl Run {
         let measures = measure(&log, Measures::new(&vehicle, &layout, &survey, period_s), &survey)?;
         let mut measured = measures.finish(&vehicle, &survey.health);
         measured.timing.witness_charge(&survey.charge);
+        let ends = survey.ends();
         let mut disturbances = survey.onsets;
         disturbances.truncate(crate::summary::MOST_LISTED);
         let figures = RunSummary {
@@ -112,7 +115,7 @@ impl Run {
             timing: measured.timing,
         };
         let (lines, health, holes) = (measured.lines, survey.health, survey.holes);
-        Ok(Self { name: name.into(), info, vehicle, attachments, figures, lines, health, holes })
+        Ok(Self { name: name.into(), info, vehicle, attachments, figures, lines, health, holes, ends })
     }
 }
 

@@ -9,7 +9,7 @@ use whirlstand_vehicle::Vehicle;
 use crate::health::NodeHealth;
 use crate::kept::{Again, Kept};
 use crate::layout::{Layout, NS, seconds};
-use crate::merge::{TOPICS, place};
+use crate::merge::{LOOP, TOPICS, place};
 use crate::metrics::{Changes, ChargeSteps, DisturbanceEvent, Onsets, Part, SetpointSteps};
 use crate::summary::{FindingEvent, MOST_LISTED};
 
@@ -134,6 +134,12 @@ impl Survey {
     /// Time of the first disturbance, s; infinite without one.
     pub fn first_onset_s(&self) -> f64 {
         self.onsets.first().map_or(f64::INFINITY, |onset| onset.at_s)
+    }
+
+    /// Topics of the loop with the time of their last message, s, for those that have one.
+    pub fn ends(&self) -> Vec<(&'static str, f64)> {
+        let there = LOOP.iter().filter(|(topic, _)| self.has(*topic));
+        there.map(|(topic, name)| (*name, self.kept[*topic].last_ns() as f64 * NS)).collect()
     }
 
     /// Whether the log has a valid message of the topic with this index.

@@ -109,6 +109,9 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
 /// written.
 const LOG_END_S: f64 = 1.0;
 
+/// The same in steps of a slow loop.
+const LOG_END_STEPS: f64 = 4.0;
+
 /// Sentences on what is missing in the log of a run.
 fn gaps(run: &Run, health: &HealthTable) -> Vec<String> {
     let mut gaps: Vec<String> = run.holes.iter().map(|hole| hole.to_string()).collect();
@@ -117,6 +120,15 @@ fn gaps(run: &Run, health: &HealthTable) -> Vec<String> {
     if figures.duration_s + LOG_END_S < end_s {
         gaps.push(format!(
             "the log ends at {:.3} s, the run at {end_s:.3} s: the rest could not be written",
+            figures.duration_s
+        ));
+    }
+    // The recorder may not hear one of the nodes: one that was at its limit of memory when the recorder was started
+    // again, for example.
+    let late = LOG_END_S.max(LOG_END_STEPS * figures.period_s);
+    for (topic, last_s) in run.ends.iter().filter(|(_, last_s)| last_s + late < figures.duration_s) {
+        gaps.push(format!(
+            "the log has no {topic} after {last_s:.3} s of {:.3} s: its node ended, or could not reach the recorder",
             figures.duration_s
         ));
     }
