@@ -1,5 +1,6 @@
 //! A buffer of the last steps, from which they can be replayed under another model.
 
+use crate::lateness::Lateness;
 use crate::predictor::{Predictor, Sample};
 
 /// A ring of steps without a gap between them.
@@ -8,7 +9,7 @@ pub struct Capture {
     rows: Vec<f64>,
     fresh: Vec<u64>,
     capacity: usize,
-    widths: [usize; 5],
+    widths: [usize; 6],
     /// First kept step, and the step after the last one.
     first: u64,
     next: u64,
@@ -20,7 +21,7 @@ impl Capture {
     /// A buffer for `capacity` steps, each with the given numbers of `outputs`, `inputs`, `states` and
     /// `errors`.
     pub fn new(capacity: usize, outputs: usize, inputs: usize, states: usize, errors: usize) -> Self {
-        let widths = [outputs, inputs, states, errors, outputs];
+        let widths = [outputs, inputs, states, errors, 2, outputs];
         Self {
             rows: vec![0.0; capacity * widths.iter().sum::<usize>()],
             fresh: vec![0; capacity],
@@ -53,7 +54,8 @@ impl Capture {
             return false;
         }
         let slot = (self.next % self.capacity as u64) as usize;
-        let parts = [sample.y, sample.u, before.state(), before.errors()];
+        let age = before.lateness().map_or([0.0; 2], Lateness::age);
+        let parts = [sample.y, sample.u, before.state(), before.errors(), &age];
         let width: usize = self.widths.iter().sum();
         let mut row = &mut self.rows[slot * width..(slot + 1) * width];
         for part in parts {
@@ -98,9 +100,15 @@ impl Capture {
         self.part(step, 3)
     }
 
+    /// Age of the measurements as it was known at a step, and its standard deviation, s; zero for a simulation.
+    pub fn age(&self, step: u64) -> [f64; 2] {
+        let age = self.part(step, 4);
+        [age[0], age[1]]
+    }
+
     /// The whitened innovations of a step.
     pub fn whitened(&self, step: u64) -> &[f64] {
-        self.part(step, 4)
+        self.part(step, 5)
     }
 
     /// First step kept.

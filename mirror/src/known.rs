@@ -10,12 +10,13 @@
 //! spectrum. So thresholds are conservative.
 
 use nalgebra::DMatrix;
-use whirlstand_control::kalman::FilterModel;
+use whirlstand_control::kalman::{FilterModel, KalmanFilter};
 use whirlstand_control::riccati::dare;
 use whirlstand_control::{SampledModel, SampledPlant};
 use whirlstand_vehicle::{Effect, Engine, Kind, LinearModel, Vehicle};
 
 use crate::error::MirrorError;
+use crate::lateness::Lateness;
 
 /// Noise that is assumed for a sensor that declares none, SI units: as small as the filter of the loop assumes
 /// it.
@@ -39,9 +40,9 @@ pub struct Knowledge {
     pub period_s: f64,
     /// State of the engine at the start, which sets the amplitude of declared vibrations.
     pub engine: Engine,
-    /// Whether the phases of declared vibrations are those of the file, as in a simulation; a real engine keeps no
-    /// phase.
-    pub phases: bool,
+    /// Whether a real vehicle is measured: its engine keeps no phase, while declared vibrations of a simulation have
+    /// those of the file, and its measurements are not of the step in which they arrive.
+    pub real: bool,
     /// Memory of the filter, s.
     pub memory_s: f64,
     /// Time constant of the fastest pole, s.
@@ -57,7 +58,7 @@ impl Knowledge {
     ///
     /// # Errors
     /// [`MirrorError`] for a vehicle that has no sampled model.
-    pub fn new(vehicle: &Vehicle, period_s: f64, engine: Engine, phases: bool) -> Result<Self, MirrorError> {
+    pub fn new(vehicle: &Vehicle, period_s: f64, engine: Engine, real: bool) -> Result<Self, MirrorError> {
         let count = vehicle.outputs.len();
         if count == 0 || count > 64 {
             return Err(MirrorError::Outputs { vehicle: vehicle.name.clone(), count });
@@ -74,7 +75,7 @@ impl Knowledge {
             vehicle: vehicle.clone(),
             period_s,
             engine,
-            phases,
+            real,
             memory_s: (MEMORY / slowest).clamp(MEMORY_S.0, MEMORY_S.1),
             fastest_s: (1.0 / fastest).clamp(4.0 * period_s, 1.0),
             noise: noise
@@ -82,6 +83,17 @@ impl Knowledge {
                 .collect(),
             scales: plant.scales()[..vehicle.states.len()].to_vec(),
         })
+    }
+
+    /// State of the engine that a simulation of the vehicle has.
+    pub fn simulated_engine(&self) -> Engine {
+        if self.real { Engine::Off } else { self.engine }
+    }
+
+    /// How late the measurements of a real vehicle are; `None` for a simulation.
+    pub(crate) fn lateness(&self, filter: &KalmanFilter) -> Result<Option<Lateness>, MirrorError> {
+        let linear = LinearModel::new(&self.vehicle)?;
+        Ok(self.real.then(|| Lateness::new(filter, (&linear.b, &linear.c), self.period_s)))
     }
 
     /// Number of samples within the memory.
@@ -168,7 +180,7 @@ impl Knowledge {
 
     /// Tones of unknown phase: output and frequency in Hz.
     fn tones(&self, linear: &LinearModel) -> Vec<(usize, f64)> {
-        if self.phases {
+        if !self.real {
             return Vec::new();
         }
         let declared =

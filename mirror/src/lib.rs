@@ -16,6 +16,7 @@ mod error;
 mod excess;
 mod finding;
 mod known;
+mod lateness;
 mod mirror;
 mod predictor;
 mod replay;

@@ -8,6 +8,7 @@ use crate::error::MirrorError;
 use crate::excess;
 use crate::finding::{Cause, Finding, Stage};
 use crate::known::Knowledge;
+use crate::lateness::{HeldInputs, Lateness};
 use crate::predictor::{Predictor, Sample};
 use crate::replay::{Belief, predictor};
 use crate::search::Search;
@@ -40,8 +41,8 @@ const SILENCE: (f64, f64) = (3.0, 3.0);
 pub struct Options {
     /// State of the engine at the start.
     pub engine: Engine,
-    /// Whether declared vibrations have the phases of the file, as in a simulation.
-    pub phases: bool,
+    /// Whether a real vehicle is measured, and not a simulation.
+    pub real: bool,
     /// Most predictions per step for the search for a cause.
     pub budget: usize,
 }
@@ -49,8 +50,8 @@ pub struct Options {
 impl Options {
     /// Options for a loop of this period: the search takes an eighth of a core, where a prediction takes
     /// about 0.35 us.
-    pub fn new(engine: Engine, phases: bool, period_s: f64) -> Self {
-        Self { engine, phases, budget: (0.125 * period_s / 0.35e-6) as usize + 1 }
+    pub fn new(engine: Engine, real: bool, period_s: f64) -> Self {
+        Self { engine, real, budget: (0.125 * period_s / 0.35e-6) as usize + 1 }
     }
 }
 
@@ -75,6 +76,8 @@ pub struct Mirror {
     known: Knowledge,
     predictor: Predictor,
     new: Predictor,
+    /// Inputs of a real vehicle.
+    held: Option<HeldInputs>,
     bank: Bank,
     capture: Capture,
     budget: usize,
@@ -93,7 +96,7 @@ impl Mirror {
     /// # Errors
     /// [`MirrorError`] for a vehicle whose states are not detectable from its measurements.
     pub fn new(vehicle: &Vehicle, period_s: f64, options: &Options) -> Result<Self, MirrorError> {
-        let known = Knowledge::new(vehicle, period_s, options.engine, options.phases)?;
+        let known = Knowledge::new(vehicle, period_s, options.engine, options.real)?;
         let predictor = Predictor::new(&known)?;
         let run_length = BETWEEN_FALSE_ALARMS_S / period_s;
         let capacity = (((KEPT_S + LOOKED_AT_S) / period_s) as usize).clamp(64, MOST_KEPT);
@@ -102,6 +105,7 @@ impl Mirror {
             bank: Bank::new(&excess::anyway(&known), run_length),
             capture: Capture::new(capacity, p, m, n, predictor.errors().len()),
             new: predictor.clone(),
+            held: known.real.then(|| HeldInputs::new(m, period_s)),
             predictor,
             budget: options.budget,
             run_length,
@@ -125,14 +129,20 @@ impl Mirror {
 
     /// Restarts the mirror, because the vehicle was restarted or its inputs were unknown for a time.
     pub fn restart(&mut self) {
-        self.predictor = self.new.clone();
+        self.renew(0.0);
         self.settled = None;
+    }
+
+    /// A new predictor, which knows how late the measurements are; the inputs are held back for `more` periods more.
+    fn renew(&mut self, more: f64) {
+        let before = std::mem::replace(&mut self.predictor, self.new.clone());
+        self.predictor.know_age(&before, more);
     }
 
     /// Sets the engine state, on which declared vibrations depend.
     pub fn set_engine(&mut self, engine: Engine) {
         self.known.engine = engine;
-        if self.known.phases {
+        if !self.known.real {
             self.predictor.simulator().set_engine(engine);
             self.new.simulator().set_engine(engine);
         }
@@ -141,6 +151,21 @@ impl Mirror {
     /// Takes in a step, and returns a finding if there is a new one. Steps must be consecutive; after a gap the
     /// mirror restarts.
     pub fn observe(&mut self, sample: &Sample<'_>) -> Option<Finding> {
+        let Some(mut held) = self.held.take() else { return self.look(sample) };
+        let found = self.look(&Sample { u: held.hold(sample.u), ..*sample });
+        // A change of the vehicle changes what the age seems to be.
+        let lateness = self.predictor.lateness().filter(|_| self.open.is_none());
+        let amiss = lateness.map_or(0.0, Lateness::amiss);
+        let more = if amiss == 0.0 { 0.0 } else { held.hold_more(amiss) };
+        if more != 0.0 {
+            self.renew(more);
+            self.settled = None;
+        }
+        self.held = Some(held);
+        found
+    }
+
+    fn look(&mut self, sample: &Sample<'_>) -> Option<Finding> {
         let begins = self.settled.is_none() || sample.step != self.next;
         if begins {
             self.begin(sample.step);
@@ -184,7 +209,7 @@ impl Mirror {
 
     fn begin(&mut self, step: u64) {
         if self.settled.is_some() {
-            self.predictor = self.new.clone();
+            self.renew(0.0);
         }
         self.predictor.simulator().begin_at(step);
         let settling = (SETTLING * self.known.fastest_s / self.known.period_s) as u64;

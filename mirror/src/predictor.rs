@@ -5,6 +5,7 @@ use whirlstand_vehicle::Simulator;
 
 use crate::error::MirrorError;
 use crate::known::Knowledge;
+use crate::lateness::Lateness;
 
 /// The measurement of a step.
 #[derive(Debug, Clone, Copy)]
@@ -24,6 +25,8 @@ pub struct Sample<'a> {
 pub struct Predictor {
     simulator: Simulator,
     filter: KalmanFilter,
+    /// Of the measurements of a real vehicle.
+    lateness: Option<Lateness>,
     /// Residual of a measurement.
     residual: Vec<f64>,
     /// State of the filter.
@@ -39,19 +42,22 @@ impl Predictor {
     pub fn new(known: &Knowledge) -> Result<Self, MirrorError> {
         let (model, initial) = known.filter()?;
         let mut simulator = Simulator::expected(&known.vehicle, known.period_s)?;
-        simulator.set_engine(if known.phases { known.engine } else { whirlstand_vehicle::Engine::Off });
+        simulator.set_engine(known.simulated_engine());
+        let filter = KalmanFilter::new(model, &initial);
         Ok(Self {
+            lateness: known.lateness(&filter)?,
             residual: vec![0.0; known.noise.len()],
             errors: vec![0.0; initial.len()],
             states: known.scales.len(),
-            filter: KalmanFilter::new(model, &initial),
+            filter,
             simulator,
         })
     }
 
-    /// A copy of the filter in its present state, with another simulation and the errors predicted at that time.
-    pub(crate) fn around(&self, simulator: Simulator, errors: &[f64]) -> Self {
-        let mut other = Self { simulator, ..self.clone() };
+    /// A copy of the filter in its present state, with another simulation, and the errors predicted and the lateness
+    /// at that time.
+    pub(crate) fn around(&self, simulator: Simulator, errors: &[f64], lateness: Option<Lateness>) -> Self {
+        let mut other = Self { simulator, lateness, ..self.clone() };
         other.errors.copy_from_slice(errors);
         other.filter.set_state(&other.errors);
         other
@@ -60,21 +66,37 @@ impl Predictor {
     /// Advances one step; [`Self::whitened`] then holds the innovations of the measurement.
     pub fn step(&mut self, sample: &Sample<'_>) {
         self.simulator.apply(sample.u);
-        let expected = self.simulator.measure();
+        let expected = match &mut self.lateness {
+            None => self.simulator.measure(),
+            Some(lateness) => {
+                self.simulator.advance();
+                lateness.expect(sample.u, self.simulator.measure())
+            }
+        };
         for ((r, y), e) in self.residual.iter_mut().zip(sample.y).zip(expected) {
             *r = y - e;
         }
-        self.filter.step(&self.residual, sample.fresh, &[0.0], &[0.0]);
-        self.errors.copy_from_slice(self.filter.x());
+        match &mut self.lateness {
+            None => {
+                self.filter.step(&self.residual, sample.fresh, &[0.0], &[0.0]);
+                self.errors.copy_from_slice(self.filter.x());
+            }
+            Some(lateness) => {
+                let measured = (&self.residual[..], sample.fresh);
+                lateness.step(&mut self.filter, measured, &mut self.errors);
+            }
+        }
         self.simulator.correct(&self.errors[..self.states]);
         self.errors[..self.states].fill(0.0);
         self.filter.set_state(&self.errors);
-        self.simulator.advance();
+        if self.lateness.is_none() {
+            self.simulator.advance();
+        }
     }
 
     /// Whitened innovations of the last step, one for each output; zero where it was not fresh.
     pub fn whitened(&self) -> &[f64] {
-        self.filter.whitened()
+        self.lateness.as_ref().map_or_else(|| self.filter.whitened(), Lateness::whitened)
     }
 
     /// Predicted states at the next step, SI.
@@ -85,6 +107,18 @@ impl Predictor {
     /// Predicted errors at the next step other than those of the states.
     pub(crate) fn errors(&self) -> &[f64] {
         &self.errors
+    }
+
+    /// Knows of the age of the measurements what `other` knows, where the inputs are held back for `more` periods more.
+    pub(crate) fn know_age(&mut self, other: &Self, more: f64) {
+        if let (Some(own), Some(other)) = (&mut self.lateness, &other.lateness) {
+            own.know(other, more);
+        }
+    }
+
+    /// How late the measurements of a real vehicle are.
+    pub(crate) fn lateness(&self) -> Option<&Lateness> {
+        self.lateness.as_ref()
     }
 
     /// The simulation.

@@ -60,22 +60,33 @@ pub fn predictor(
     let rest = capture.sample(begin);
     let mut simulator = Simulator::expected_from(&vehicle, known.period_s, rest.u).ok()?;
     simulator.begin_at(begin);
-    simulator.set_engine(if known.phases { known.engine } else { whirlstand_vehicle::Engine::Off });
+    simulator.set_engine(known.simulated_engine());
     simulator.set_state(capture.state(begin));
     let mut change = vec![0.0; known.scales.len()];
+    let mut lateness = like.lateness().cloned();
+    if let Some(lateness) = &mut lateness {
+        lateness.begin(capture.age(since));
+    }
     for step in begin..=since {
         for ((c, wanted), is) in change.iter_mut().zip(capture.state(step)).zip(simulator.state()) {
             *c = wanted - is;
         }
         simulator.correct(&change);
         if step < since {
-            simulator.step(capture.sample(step).u);
+            simulator.apply(capture.sample(step).u);
+            if let Some(lateness) = &mut lateness {
+                simulator.advance();
+                lateness.expect(capture.sample(step).u, simulator.measure());
+            } else {
+                simulator.measure();
+                simulator.advance();
+            }
         }
     }
     if let Some(stood) = stood {
         simulator.put(known.vehicle.effects.len(), *stood);
     }
-    Some(like.around(simulator, capture.errors(since)))
+    Some(like.around(simulator, capture.errors(since), lateness))
 }
 
 /// Log-likelihood by which two hypotheses can be distinguished from the measurements until `end`.

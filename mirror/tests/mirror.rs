@@ -10,7 +10,7 @@ use whirlstand_vehicle::{Effect, Engine, Kind, Vehicle, builtin_names};
 const PERIOD_S: f64 = 0.005;
 
 fn mirror(vehicle: &Vehicle) -> Mirror {
-    Mirror::new(vehicle, PERIOD_S, &Options::new(Engine::Flying, true, PERIOD_S)).unwrap()
+    Mirror::new(vehicle, PERIOD_S, &Options::new(Engine::Flying, false, PERIOD_S)).unwrap()
 }
 
 fn fly(vehicle: &Vehicle, seed: u64, seconds: f64, effect: Option<(&Effect, u64)>) -> Vec<Finding> {

@@ -113,8 +113,24 @@ impl Covariance {
         self.p.add_product(&self.product, &self.f_rows, self.n);
     }
 
+    /// Adds the variance of changes of the state by each vector of `pushes`, one after the other, times a random number
+    /// of variance one.
+    pub fn push(&mut self, pushes: &[f64]) {
+        for push in pushes.chunks_exact(self.n) {
+            self.v.as_flattened_mut()[..self.n].copy_from_slice(push);
+            for (c, v) in push.iter().enumerate().filter(|(_, v)| **v != 0.0) {
+                add_scaled(self.p.column_mut(c), &self.v, *v);
+            }
+        }
+    }
+
     /// Updates the covariance by the measurements of `mask`, and computes the gains.
     pub fn update(&mut self, mask: u64, gains: &mut Gains) {
+        self.update_beside(mask, &[], gains);
+    }
+
+    /// As [`Self::update`], with further variance of each measurement, where there is any.
+    pub fn update_beside(&mut self, mask: u64, more: &[f64], gains: &mut Gains) {
         let n = self.n;
         gains.mask = mask;
         gains.gain.clear();
@@ -123,7 +139,7 @@ impl Covariance {
             let h = self.h_rows.column(i);
             self.v.fill([0.0; 4]);
             self.p.add(&mut self.v, h.as_flattened());
-            let variance = self.variance[i];
+            let variance = self.variance[i] + more.get(i).copied().unwrap_or(0.0);
             let s = variance + dot(h, &self.v);
             let (inverse, root) = (1.0 / s, 1.0 / s.sqrt());
             self.k.fill([0.0; 4]);

@@ -108,6 +108,24 @@ impl KalmanFilter {
     /// measurements whose bit in `mask` is set. `y` has p entries, the inputs m. Measurements that are not finite
     /// are left out.
     pub fn step(&mut self, y: &[f64], mask: u64, u_before: &[f64], u_now: &[f64]) {
+        let mask = self.usable(y, mask);
+        self.predict(u_before);
+        self.recursion.advance(mask);
+        self.apply(y, mask, u_now);
+    }
+
+    /// A step as [`Self::step`] of which more is unknown: the state has also changed by each vector of `pushes`, one
+    /// after the other, times a random number of variance one, and the variance of each measurement is larger by an entry of `more`. All
+    /// steps of a filter are of this kind, or none.
+    pub fn step_uncertain(&mut self, y: &[f64], mask: u64, (pushes, more): (&[f64], &[f64])) {
+        let mask = self.usable(y, mask);
+        self.predict(&[]);
+        self.recursion.advance_uncertain(mask, pushes, more);
+        self.apply(y, mask, &[]);
+    }
+
+    /// The measurements of `mask` that are numbers.
+    fn usable(&self, y: &[f64], mask: u64) -> u64 {
         let mut mask = mask & u64::MAX.checked_shr(64 - self.outputs as u32).unwrap_or(0);
         for (i, v) in y.iter().enumerate().take(self.outputs) {
             if !v.is_finite() {
@@ -117,14 +135,16 @@ impl KalmanFilter {
         if y.len() < self.outputs {
             mask = 0;
         }
+        mask
+    }
+
+    fn predict(&mut self, u_before: &[f64]) {
         if self.recursion.started() {
             self.scratch.fill([0.0; 4]);
             self.f.add(&mut self.scratch, self.x.as_flattened());
             self.g.add(&mut self.scratch, u_before);
             std::mem::swap(&mut self.x, &mut self.scratch);
         }
-        self.recursion.advance(mask);
-        self.apply(y, mask, u_now);
     }
 
     /// Computes innovations and NIS, and updates the state.

@@ -61,6 +61,17 @@ impl Recursion {
         self.schedule.computed(mask, &mut self.flow, &mut self.covariance);
     }
 
+    /// Advances as [`Self::advance`], by a step that is like no other: its gains are not stored.
+    pub fn advance_uncertain(&mut self, mask: u64, pushes: &[f64], more: &[f64]) {
+        if self.started {
+            self.covariance.predict();
+        }
+        self.covariance.push(pushes);
+        self.started = true;
+        self.current = 0;
+        self.covariance.update_beside(mask, more, &mut self.slots[0]);
+    }
+
     /// The gains of the last step.
     #[inline]
     pub fn gains(&self) -> &Gains {

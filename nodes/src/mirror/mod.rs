@@ -87,7 +87,7 @@ impl Mirror {
         let real = config.bridge.as_ref().is_some_and(|b| b.kind.is_vehicle());
         let vehicle = declared(setup, config)?;
         let period_s = Setup::period_s(config);
-        let options = Options::new(config.plant.engine.into(), !real, period_s);
+        let options = Options::new(config.plant.engine.into(), real, period_s);
         let watcher = Watcher::new(&vehicle, period_s, &options).map_err(|e| setup.refuse("a mirror", &e))?;
         Ok(Self {
             outputs_of: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),

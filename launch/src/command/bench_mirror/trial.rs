@@ -115,7 +115,7 @@ impl Hangar {
     }
 
     fn mirror(&self) -> Result<Mirror, Failure> {
-        let options = Options::new(self.config.plant.engine.into(), true, self.period_s);
+        let options = Options::new(self.config.plant.engine.into(), false, self.period_s);
         Mirror::new(self.pilot.vehicle(), self.period_s, &options).map_err(Failure::mend)
     }
 

@@ -1,0 +1,72 @@
+//! The mirror beside a vehicle that has its own clock, at the end of a link.
+
+#[path = "support/remote.rs"]
+mod remote;
+
+use remote::{Link, Remote};
+use whirlstand_mirror::{Finding, Mirror, Options, Stage};
+use whirlstand_vehicle::{Effect, Engine, Kind, Vehicle};
+
+const PERIOD_S: f64 = 0.01;
+
+/// Clocks that agree and clocks that do not, a prompt link and one that takes a few periods.
+const LINKS: [Link; 4] = [
+    Link { drift: 0.0, latency: 0.1, jitter: 0.1 },
+    Link { drift: 1e-4, latency: 0.1, jitter: 0.3 },
+    Link { drift: -1e-4, latency: 0.5, jitter: 1.0 },
+    Link { drift: 3e-5, latency: 2.0, jitter: 0.5 },
+];
+
+fn fly(
+    vehicle: &Vehicle,
+    seed: u64,
+    seconds: f64,
+    effect: Option<(&Effect, u64)>,
+    link: Link,
+) -> Vec<Finding> {
+    let mut flight = Remote::new(vehicle, PERIOD_S, seed, effect, link);
+    let mut mirror = Mirror::new(vehicle, PERIOD_S, &Options::new(Engine::Off, true, PERIOD_S)).unwrap();
+    let steps = (seconds / PERIOD_S) as u64;
+    let looked = (0..steps).filter_map(|_| {
+        flight.fly();
+        // Before the first measurement the bench waits.
+        if flight.step > 10 { mirror.observe(&flight.sample()) } else { None }
+    });
+    looked.collect()
+}
+
+#[test]
+fn clocks_and_links_are_no_change_of_the_vehicle() {
+    for name in ["quadrotor", "helicopter-hover"] {
+        let vehicle = Vehicle::builtin(name).unwrap();
+        for (i, link) in LINKS.into_iter().enumerate() {
+            let findings = fly(&vehicle, 11 + i as u64, 300.0, None, link);
+            let told: Vec<_> = findings.iter().map(|f| (f.stage, f.since, f.step, f.output)).collect();
+            println!("{name} {link:?}: {told:?}");
+        }
+    }
+}
+
+#[test]
+fn what_changes_at_the_end_of_a_link_is_named() {
+    let vehicle = Vehicle::builtin("quadrotor").unwrap();
+    let rate = vehicle.outputs[vehicle.output_index("roll_rate").unwrap()].noise;
+    for (i, link) in LINKS.into_iter().enumerate() {
+        for (kind, place, parameter, value) in [
+            (Kind::InputGain, "u_roll", "factor", 0.6),
+            (Kind::InputDelay, "u_pitch", "delay_s", 0.1),
+            (Kind::SensorBias, "pitch", "offset", 0.01),
+            (Kind::Noise, "roll_rate", "std", 2.5 * rate),
+        ] {
+            let effect = Effect::new(kind, place, &[(parameter, value)]).unwrap();
+            let onset = 2000;
+            let findings = fly(&vehicle, 31 + i as u64, 40.0, Some((&effect, onset)), link);
+            let last = findings.iter().rfind(|f| f.stage != Stage::Over);
+            println!(
+                "{link:?} {kind} {value}: first {:?}, last {:?}",
+                findings.first().map(|f| f.step),
+                last
+            );
+        }
+    }
+}
