@@ -13,10 +13,10 @@ use nalgebra::DMatrix;
 use whirlstand_control::kalman::{FilterModel, KalmanFilter};
 use whirlstand_control::riccati::dare;
 use whirlstand_control::{SampledModel, SampledPlant};
-use whirlstand_vehicle::{Effect, Engine, Kind, LinearModel, Vehicle};
+use whirlstand_vehicle::{Effect, Engine, Kind, LinearModel, Output, Vehicle};
 
 use crate::error::MirrorError;
-use crate::lateness::Lateness;
+use crate::lateness::{Lateness, jitter_s};
 
 /// Noise that is assumed for a sensor that declares none, SI units: as small as the filter of the loop assumes
 /// it.
@@ -93,7 +93,30 @@ impl Knowledge {
     /// How late the measurements of a real vehicle are; `None` for a simulation.
     pub(crate) fn lateness(&self, filter: &KalmanFilter) -> Result<Option<Lateness>, MirrorError> {
         let linear = LinearModel::new(&self.vehicle)?;
-        Ok(self.real.then(|| Lateness::new(filter, (&linear.b, &linear.c), self.period_s)))
+        let shaken = self.unpredictable(jitter_s(self.period_s));
+        Ok(self.real.then(|| Lateness::new(filter, (&linear.b, &linear.c), shaken, self.period_s)))
+    }
+
+    /// Variance of each output by the part of declared vibrations that no filter predicts where the time of a sample
+    /// has a standard deviation of `jitter_s`: a tone's phase is then uncertain by w = 2 pi f `jitter_s`, which leaves
+    /// exp(-w^2) of its power.
+    fn unpredictable(&self, jitter_s: f64) -> Vec<f64> {
+        let left = |amplitude: f64, frequency_hz: f64| {
+            let phase = std::f64::consts::TAU * frequency_hz * jitter_s;
+            -0.5 * amplitude * amplitude * (-phase * phase).exp_m1()
+        };
+        let of = |output: &Output| {
+            let own = output.vibration.iter().flat_map(|v| {
+                let harmonics = v.harmonics.iter().zip(1u32..);
+                harmonics.map(move |(h, k)| (h * v.flying, f64::from(k) * v.frequency_hz))
+            });
+            let effects = self.vehicle.effects.iter();
+            let effects = effects.filter(|e| e.kind() == Kind::Vibration && e.place() == output.name);
+            let tones =
+                effects.filter_map(|e| Some((e.parameter("amplitude")?, e.parameter("frequency_hz")?)));
+            own.chain(tones).map(|(amplitude, frequency_hz)| left(amplitude, frequency_hz)).sum()
+        };
+        self.vehicle.outputs.iter().map(of).collect()
     }
 
     /// Number of samples within the memory.
@@ -178,7 +201,7 @@ impl Knowledge {
         }
     }
 
-    /// Tones of unknown phase: output and frequency in Hz.
+    /// Tones of unknown phase: output and frequency in Hz, as sampled.
     fn tones(&self, linear: &LinearModel) -> Vec<(usize, f64)> {
         if !self.real {
             return Vec::new();
@@ -189,8 +212,10 @@ impl Knowledge {
             let order = v.harmonics.iter().enumerate().filter(|(_, h)| **h != 0.0);
             order.map(move |(k, _)| (i, (k + 1) as f64 * v.frequency_hz))
         });
-        let half = 0.5 / self.period_s;
-        linear.tones.iter().copied().chain(harmonics).filter(|(_, f)| *f < half).collect()
+        // Sampling folds what is above half its rate into the band below.
+        let rate = 1.0 / self.period_s;
+        let folded = |(output, f): (usize, f64)| (output, (f - rate * (f / rate).round()).abs());
+        linear.tones.iter().copied().chain(harmonics).map(folded).filter(|(_, f)| *f > 0.0).collect()
     }
 
     /// Density of the process noise on each of the vehicle's own states: the largest with which predictions are no

@@ -33,8 +33,14 @@ const KNOWN: f64 = 0.75;
 /// Longest time for which inputs are held back, s; a link that is later has its delay in the vehicle file.
 const LONGEST_HELD_S: f64 = 0.2;
 
-/// Rows of expected outputs that are kept: those of the largest age, and one more.
-const ROWS: usize = 4;
+/// Rows of expected outputs that are kept. Where the inputs are held back well, four are enough; until then the age may
+/// be larger.
+const ROWS: usize = 16;
+
+/// Standard deviation of the time of a single message, s.
+pub(crate) fn jitter_s(period_s: f64) -> f64 {
+    JITTER * period_s
+}
 
 /// The age of the measurements, and the outputs that were expected in the last steps.
 #[derive(Debug, Clone)]
@@ -52,14 +58,22 @@ pub(crate) struct Lateness {
     /// Input and output matrix of the states.
     b: DMatrix<f64>,
     c: DMatrix<f64>,
+    /// Variance of the outputs that nobody predicts.
+    shaken: Vec<f64>,
     /// What the moments of the inputs' changes add to the uncertainty of states and measurements.
     pushes: Vec<f64>,
     more: Vec<f64>,
 }
 
 impl Lateness {
-    /// For a filter whose first states have the input matrix `b` and the output matrix `c`.
-    pub fn new(filter: &KalmanFilter, (b, c): (&DMatrix<f64>, &DMatrix<f64>), period_s: f64) -> Self {
+    /// For a filter whose first states have the input matrix `b` and the output matrix `c`; `shaken` is variance of the
+    /// outputs that nobody predicts.
+    pub fn new(
+        filter: &KalmanFilter,
+        (b, c): (&DMatrix<f64>, &DMatrix<f64>),
+        shaken: Vec<f64>,
+        period_s: f64,
+    ) -> Self {
         let spread = AgeSpread { initial_s: UNCERTAIN * period_s, per_second_s: JUMPS * period_s };
         let outputs = c.nrows();
         Self {
@@ -73,6 +87,7 @@ impl Lateness {
             slope: vec![0.0; outputs],
             b: b.clone(),
             c: c.clone(),
+            shaken,
             pushes: vec![0.0; 2 * filter.x().len()],
             more: vec![0.0; outputs],
         }
@@ -96,12 +111,17 @@ impl Lateness {
         self.begin([age_s - more * self.period_s, std_s]);
     }
 
+    /// Whether the age is known. It is not before the vehicle has moved, and until then nothing can be said of what
+    /// its motion is expected to be.
+    pub fn is_known(&self) -> bool {
+        self.estimator.std() < KNOWN * self.period_s
+    }
+
     /// Periods by which the inputs should be held back more than they are; 0 where they are held back well, or where
     /// the age is not known.
     pub fn amiss(&self) -> f64 {
         let age = self.age_s / self.period_s;
-        let is_known = self.estimator.std() < KNOWN * self.period_s;
-        if is_known && !HELD_WELL.contains(&age) { (age - FIRST_AGE).round() } else { 0.0 }
+        if self.is_known() && !HELD_WELL.contains(&age) { (age - FIRST_AGE).round() } else { 0.0 }
     }
 
     /// Takes in the inputs of a step and the outputs that are expected at its end, and returns those that are expected
@@ -130,7 +150,7 @@ impl Lateness {
     /// What is uncertain of the measurements, and of the states when they were taken: the inputs changed somewhat
     /// earlier or later than they were expected to.
     fn uncertain(&mut self, changes: [[usize; 2]; 2]) {
-        let jitter_s = JITTER * self.period_s;
+        let jitter_s = jitter_s(self.period_s);
         self.pushes.fill(0.0);
         let count = self.pushes.len() / 2;
         for (push, [now, before]) in self.pushes.chunks_exact_mut(count).zip(changes) {
@@ -140,8 +160,8 @@ impl Lateness {
                 push.iter_mut().zip(b.iter()).for_each(|(p, b)| *p += b * (now - before) * jitter_s);
             }
         }
-        for (more, slope) in self.more.iter_mut().zip(&self.slope) {
-            *more = (slope * jitter_s).powi(2);
+        for ((more, slope), shaken) in self.more.iter_mut().zip(&self.slope).zip(&self.shaken) {
+            *more = (slope * jitter_s).powi(2) + shaken;
         }
     }
 

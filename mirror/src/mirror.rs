@@ -85,6 +85,8 @@ pub struct Mirror {
     run_length: f64,
     /// First step that is tested.
     settled: Option<u64>,
+    /// Whether it has been known how late the measurements are.
+    timed: bool,
     next: u64,
     open: Option<Open>,
     changes: u64,
@@ -110,6 +112,7 @@ impl Mirror {
             budget: options.budget,
             run_length,
             settled: None,
+            timed: false,
             next: 0,
             open: None,
             changes: 0,
@@ -177,6 +180,10 @@ impl Mirror {
             self.capture.complete(self.predictor.whitened());
         }
         if self.settled.is_none_or(|from| sample.step < from) {
+            return None;
+        }
+        self.timed |= self.predictor.lateness().is_none_or(Lateness::is_known);
+        if !self.timed {
             return None;
         }
         let whitened = self.predictor.whitened();

@@ -39,10 +39,9 @@ fn fly(
 fn clocks_and_links_are_no_change_of_the_vehicle() {
     for name in ["quadrotor", "helicopter-hover"] {
         let vehicle = Vehicle::builtin(name).unwrap();
-        for (i, link) in LINKS.into_iter().enumerate() {
-            let findings = fly(&vehicle, 11 + i as u64, 300.0, None, link);
-            let told: Vec<_> = findings.iter().map(|f| (f.stage, f.since, f.step, f.output)).collect();
-            println!("{name} {link:?}: {told:?}");
+        for (seed, link) in (11..).zip(LINKS) {
+            let findings = fly(&vehicle, seed, 600.0, None, link);
+            assert!(findings.is_empty(), "{name}, {link:?}: {findings:?}");
         }
     }
 }
@@ -51,7 +50,7 @@ fn clocks_and_links_are_no_change_of_the_vehicle() {
 fn what_changes_at_the_end_of_a_link_is_named() {
     let vehicle = Vehicle::builtin("quadrotor").unwrap();
     let rate = vehicle.outputs[vehicle.output_index("roll_rate").unwrap()].noise;
-    for (i, link) in LINKS.into_iter().enumerate() {
+    for (seed, link) in (31..).zip(LINKS) {
         for (kind, place, parameter, value) in [
             (Kind::InputGain, "u_roll", "factor", 0.6),
             (Kind::InputDelay, "u_pitch", "delay_s", 0.1),
@@ -60,13 +59,16 @@ fn what_changes_at_the_end_of_a_link_is_named() {
         ] {
             let effect = Effect::new(kind, place, &[(parameter, value)]).unwrap();
             let onset = 2000;
-            let findings = fly(&vehicle, 31 + i as u64, 40.0, Some((&effect, onset)), link);
-            let last = findings.iter().rfind(|f| f.stage != Stage::Over);
-            println!(
-                "{link:?} {kind} {value}: first {:?}, last {:?}",
-                findings.first().map(|f| f.step),
-                last
-            );
+            let findings = fly(&vehicle, seed, 60.0, Some((&effect, onset)), link);
+            println!("{link:?} {kind}: {:?}", findings.iter().map(|f| (f.stage, f.step, f.cause.as_ref().map(|c| (c.effect.kind(), c.values[0].value)))).collect::<Vec<_>>());
+            if kind != Kind::Quantization { continue; }
+            let first = findings.first().unwrap_or_else(|| panic!("{link:?}: {kind} was not found"));
+            assert!(first.stage == Stage::Wrong && first.step >= onset, "{link:?}: {findings:#?}");
+            let last = findings.iter().rfind(|f| f.stage != Stage::Over).and_then(|f| f.cause.as_ref());
+            let cause = last.unwrap_or_else(|| panic!("{link:?}: {kind} has no name: {findings:#?}"));
+            assert_eq!((cause.effect.kind(), cause.effect.place()), (kind, place), "{link:?}: {findings:#?}");
+            let told = cause.values[0].value;
+            assert!((told / value - 1.0).abs() < 0.15, "{link:?}: {kind} {value}: {told}");
         }
     }
 }

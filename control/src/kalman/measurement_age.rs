@@ -112,3 +112,91 @@ impl MeasurementAge {
         self.variance.max(0.0).sqrt()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{DMatrix, DVector};
+
+    use super::*;
+    use crate::kalman::FilterModel;
+
+    /// The filter whose state is extended by the age, by the textbook formulas. For an age that does not change, the
+    /// two stages are exact.
+    #[test]
+    fn both_stages_together_are_the_filter_with_the_age_as_a_state() {
+        let dt = 0.01;
+        let model = FilterModel {
+            f: DMatrix::from_row_slice(2, 2, &[1.0, dt, -0.02, 0.98]),
+            g: DMatrix::zeros(2, 1),
+            h: DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 0.0, 1.0]),
+            d: DMatrix::zeros(2, 1),
+            q: DMatrix::from_row_slice(2, 2, &[1e-8, 0.0, 0.0, 1e-5]),
+            variance: vec![1e-4, 4e-4],
+        };
+        let (initial, spread) = ([0.1, 0.3], AgeSpread { initial_s: 0.02, per_second_s: 0.0 });
+        let mut filter = KalmanFilter::new(model.clone(), &initial);
+        let mut stage = MeasurementAge::new(&filter, dt, spread);
+        let mut f = DMatrix::identity(3, 3);
+        f.view_mut((0, 0), (2, 2)).copy_from(&model.f);
+        let mut q = DMatrix::zeros(3, 3);
+        q.view_mut((0, 0), (2, 2)).copy_from(&model.q);
+        q[(2, 2)] = spread.per_second_s.powi(2) * dt;
+        let mut p = DMatrix::from_diagonal(&DVector::from_column_slice(&[0.01, 0.09, 4e-4]));
+        p[(2, 2)] += q[(2, 2)];
+        let mut whole = DVector::zeros(3);
+        let mut age = 0.0;
+        for k in 0..200u32 {
+            let t = f64::from(k) * dt;
+            let slope = [3.0 * (5.0 * t).sin(), 2.0 * (7.0 * t).cos()];
+            let y = [0.1 * (11.0 * t).sin(), 0.2 * (3.0 * t).cos() - 0.03 * slope[1]];
+            let mask = [3, 3, 1, 0, 2][k as usize % 5];
+            if k > 0 {
+                whole = &f * &whole;
+                p = &f * &p * f.transpose() + &q;
+            }
+            let (mut nis, mut rows) = (0.0, Vec::new());
+            for i in (0..2).filter(|i| mask >> i & 1 == 1) {
+                let mut h = DVector::zeros(3);
+                (h[i], h[2]) = (1.0, -slope[i]);
+                let variance = (h.transpose() * &p * &h)[0] + model.variance[i];
+                let error = y[i] - h.dot(&whole);
+                let gain = &p * &h / variance;
+                whole += &gain * error;
+                p -= &gain * h.transpose() * &p;
+                nis += error * error / variance;
+                rows.push(error / variance.sqrt());
+            }
+            // What is measured, if the age is what it is taken for.
+            let aged: Vec<f64> = y.iter().zip(slope).map(|(y, slope)| y + slope * age).collect();
+            filter.step_uncertain(&aged, mask, (&[], &[]));
+            age += stage.step(&filter, &slope);
+            let x: Vec<f64> = filter.x().iter().zip(stage.change()).map(|(x, change)| x + change).collect();
+            filter.set_state(&x);
+            let close =
+                |a: f64, b: f64, what: &str| assert!((a - b).abs() < 1e-9, "step {k}, {what}: {a}, not {b}");
+            close(age / spread.initial_s, whole[2] / spread.initial_s, "age");
+            close(x[0] / 0.1, whole[0] / 0.1, "angle");
+            close(stage.std() / spread.initial_s, p[(2, 2)].sqrt() / spread.initial_s, "std");
+            let sum: f64 = stage.whitened().iter().map(|w| w * w).sum();
+            close(sum / (1.0 + nis), nis / (1.0 + nis), "whitened innovations");
+        }
+    }
+
+    #[test]
+    fn what_is_pushed_counts_as_uncertain() {
+        let model = FilterModel {
+            f: DMatrix::identity(1, 1),
+            g: DMatrix::zeros(1, 1),
+            h: DMatrix::identity(1, 1),
+            d: DMatrix::zeros(1, 1),
+            q: DMatrix::zeros(1, 1),
+            variance: vec![1.0],
+        };
+        let mut filter = KalmanFilter::new(model, &[1.0]);
+        filter.step_uncertain(&[0.0], 1, (&[], &[]));
+        // Half of the variance is left; 1.5 are added in two pushes, and 2 to that of the measurement.
+        filter.step_uncertain(&[2.0], 1, (&[1.0, 0.5f64.sqrt()], &[2.0]));
+        assert!((filter.whitened()[0] - 2.0 / 5f64.sqrt()).abs() < 1e-12, "{:?}", filter.whitened());
+        assert!((filter.x()[0] - 2.0 * 2.0 / 5.0).abs() < 1e-12, "{:?}", filter.x());
+    }
+}
