@@ -53,6 +53,11 @@ impl Packed {
         self.data.copy_from_slice(&other.data);
     }
 
+    /// Number of columns.
+    pub fn columns(&self) -> usize {
+        self.data.len() / self.blocks.max(1)
+    }
+
     /// Column j in blocks.
     #[inline(always)]
     pub fn column(&self, j: usize) -> &[Block] {

@@ -9,7 +9,7 @@ pub struct Capture {
     rows: Vec<f64>,
     fresh: Vec<u64>,
     capacity: usize,
-    widths: [usize; 6],
+    widths: [usize; 7],
     /// First kept step, and the step after the last one.
     first: u64,
     next: u64,
@@ -18,10 +18,10 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// A buffer for `capacity` steps, each with the given numbers of `outputs`, `inputs`, `states` and
-    /// `errors`.
-    pub fn new(capacity: usize, outputs: usize, inputs: usize, states: usize, errors: usize) -> Self {
-        let widths = [outputs, inputs, states, errors, 2, outputs];
+    /// A buffer for `capacity` steps of `outputs` and `inputs`, as `predictor` predicts them.
+    pub fn new(capacity: usize, outputs: usize, inputs: usize, predictor: &Predictor) -> Self {
+        let (states, errors) = (predictor.state().len(), predictor.errors().len());
+        let widths = [outputs, inputs, states, errors, 2, predictor.gains_len(), outputs];
         Self {
             rows: vec![0.0; capacity * widths.iter().sum::<usize>()],
             fresh: vec![0; capacity],
@@ -69,12 +69,15 @@ impl Capture {
         true
     }
 
-    /// Adds the whitened innovations to the last step.
-    pub fn complete(&mut self, whitened: &[f64]) {
+    /// Adds what the last step made of the prediction.
+    pub fn complete(&mut self, after: &Predictor) {
+        let (whitened, gains) = (after.whitened(), after.gains_len());
         let slot = ((self.next - 1) % self.capacity as u64) as usize;
         let width: usize = self.widths.iter().sum();
         let end = (slot + 1) * width;
-        self.rows[end - whitened.len()..end].copy_from_slice(whitened);
+        let from = end - whitened.len();
+        self.rows[from..end].copy_from_slice(whitened);
+        after.write_gains(&mut self.rows[from - gains..from]);
     }
 
     fn part(&self, step: u64, part: usize) -> &[f64] {
@@ -108,6 +111,11 @@ impl Capture {
 
     /// The whitened innovations of a step.
     pub fn whitened(&self, step: u64) -> &[f64] {
+        self.part(step, 6)
+    }
+
+    /// The gains of a step, where they are computed anew at every step.
+    pub fn gains(&self, step: u64) -> &[f64] {
         self.part(step, 5)
     }
 

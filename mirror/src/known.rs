@@ -28,6 +28,9 @@ const LEAST_NOISE: f64 = 1e-6;
 const MEMORY: f64 = 10.0;
 const MEMORY_S: (f64, f64) = (5.0, 30.0);
 
+/// Memory of the phase of a real vehicle's vibration, s.
+const TONE_S: f64 = 1.0;
+
 /// Decay rate below which a pole counts as an integrator, 1/s.
 const INTEGRATES: f64 = 0.02;
 
@@ -166,8 +169,10 @@ impl Knowledge {
             f.view_mut((at, at), (2, 2)).copy_from_slice(&[cosine, -sine, sine, cosine]);
             h[(output, at)] = 1.0;
             for i in at..at + 2 {
-                // This error is forgotten at the same rate as the states.
-                q[(i, i)] = (self.noise[output] / self.samples()).powi(2);
+                // This error is forgotten at the same rate as the states; that of a real vehicle within a second,
+                // because its phase jumps wherever a sample more or less lies between two steps.
+                let memory_s = if self.real { TONE_S.min(self.memory_s) } else { self.memory_s };
+                q[(i, i)] = (self.noise[output] * self.period_s / memory_s).powi(2);
                 initial.push(30.0 * self.noise[output]);
             }
         }

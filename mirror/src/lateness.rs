@@ -166,9 +166,19 @@ impl Lateness {
     }
 
     /// A step of the filter with the residual of what was [expected](Self::expect), whose errors are corrected by what
-    /// the age explains as well.
-    pub fn step(&mut self, filter: &mut KalmanFilter, (residual, fresh): (&[f64], u64), errors: &mut [f64]) {
-        filter.step_uncertain(residual, fresh, (&self.pushes, &self.more));
+    /// the age explains as well. Without `gains` of the same step, they are computed.
+    pub fn step(
+        &mut self,
+        filter: &mut KalmanFilter,
+        (residual, fresh): (&[f64], u64),
+        gains: &[f64],
+        errors: &mut [f64],
+    ) {
+        if gains.is_empty() {
+            filter.step_uncertain(residual, fresh, (&self.pushes, &self.more));
+        } else {
+            filter.step_by(residual, fresh, gains);
+        }
         errors.copy_from_slice(filter.x());
         let change = self.estimator.step(filter, &self.slope);
         self.age_s += change;

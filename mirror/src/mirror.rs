@@ -102,10 +102,10 @@ impl Mirror {
         let predictor = Predictor::new(&known)?;
         let run_length = BETWEEN_FALSE_ALARMS_S / period_s;
         let capacity = (((KEPT_S + LOOKED_AT_S) / period_s) as usize).clamp(64, MOST_KEPT);
-        let (p, m, n) = (known.noise.len(), vehicle.inputs.len(), known.scales.len());
+        let (p, m) = (known.noise.len(), vehicle.inputs.len());
         Ok(Self {
             bank: Bank::new(&excess::anyway(&known), run_length),
-            capture: Capture::new(capacity, p, m, n, predictor.errors().len()),
+            capture: Capture::new(capacity, p, m, &predictor),
             new: predictor.clone(),
             held: known.real.then(|| HeldInputs::new(m, period_s)),
             predictor,
@@ -177,7 +177,7 @@ impl Mirror {
         let kept = self.capture.push(sample, &self.predictor);
         self.predictor.step(sample);
         if kept {
-            self.capture.complete(self.predictor.whitened());
+            self.capture.complete(&self.predictor);
         }
         if self.settled.is_none_or(|from| sample.step < from) {
             return None;
@@ -207,7 +207,7 @@ impl Mirror {
         let squares = |e: &[f64]| e.iter().map(|v| v * v).sum::<f64>();
         let mut sum = 0.0;
         let after = (since..self.capture.next()).map(|step| {
-            other.step(&self.capture.sample(step));
+            other.step_by(&self.capture.sample(step), self.capture.gains(step));
             sum += 0.5 * (squares(self.capture.whitened(step)) - squares(other.whitened()));
             sum
         });

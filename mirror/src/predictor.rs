@@ -65,6 +65,12 @@ impl Predictor {
 
     /// Advances one step; [`Self::whitened`] then holds the innovations of the measurement.
     pub fn step(&mut self, sample: &Sample<'_>) {
+        self.step_by(sample, &[]);
+    }
+
+    /// As [`Self::step`], with the gains of another predictor at the same step where there are any: those of a real
+    /// vehicle are computed anew at every step, which costs more than all the rest.
+    pub(crate) fn step_by(&mut self, sample: &Sample<'_>, gains: &[f64]) {
         self.simulator.apply(sample.u);
         let expected = match &mut self.lateness {
             None => self.simulator.measure(),
@@ -83,7 +89,7 @@ impl Predictor {
             }
             Some(lateness) => {
                 let measured = (&self.residual[..], sample.fresh);
-                lateness.step(&mut self.filter, measured, &mut self.errors);
+                lateness.step(&mut self.filter, measured, gains, &mut self.errors);
             }
         }
         self.simulator.correct(&self.errors[..self.states]);
@@ -97,6 +103,18 @@ impl Predictor {
     /// Whitened innovations of the last step, one for each output; zero where it was not fresh.
     pub fn whitened(&self) -> &[f64] {
         self.lateness.as_ref().map_or_else(|| self.filter.whitened(), Lateness::whitened)
+    }
+
+    /// Number of values of [`Self::write_gains`].
+    pub(crate) fn gains_len(&self) -> usize {
+        if self.lateness.is_some() { self.filter.gains_len() } else { 0 }
+    }
+
+    /// Writes the gains of the last step, if they are computed anew at every step.
+    pub(crate) fn write_gains(&self, to: &mut [f64]) {
+        if self.lateness.is_some() {
+            self.filter.write_gains(to);
+        }
     }
 
     /// Predicted states at the next step, SI.

@@ -107,7 +107,7 @@ pub fn distance(
         let plain = capture.whitened(step);
         for (p, since) in [(&mut a, from), (&mut b, other_from)] {
             if step >= since {
-                p.step(&sample);
+                p.step_by(&sample, capture.gains(step));
             }
         }
         let of = |p: &Predictor, since: u64, i: usize| if step >= since { p.whitened()[i] } else { plain[i] };
@@ -172,7 +172,7 @@ impl Trial {
         while self.step < until {
             let sample = capture.sample(self.step);
             for predictor in &mut self.predictors {
-                predictor.step(&sample);
+                predictor.step_by(&sample, capture.gains(self.step));
             }
             let (first, moved) = self.predictors.split_at(1);
             let e = first[0].whitened();

@@ -124,6 +124,32 @@ impl KalmanFilter {
         self.apply(y, mask, &[]);
     }
 
+    /// Number of values of [`Self::write_gains`].
+    pub fn gains_len(&self) -> usize {
+        (self.states + self.outputs) * self.outputs
+    }
+
+    /// Writes the gain of the last step and the whitening of its innovations, column after column, into `to`.
+    pub fn write_gains(&self, to: &mut [f64]) {
+        let gains = self.recursion.gains();
+        let (gain, whitening) = to.split_at_mut(self.states * self.outputs);
+        for (j, column) in gain.chunks_exact_mut(self.states).enumerate() {
+            column.copy_from_slice(&gains.gain.column(j).as_flattened()[..self.states]);
+        }
+        for (j, column) in whitening.chunks_exact_mut(self.outputs).enumerate() {
+            column.copy_from_slice(&gains.whitening.column(j).as_flattened()[..self.outputs]);
+        }
+    }
+
+    /// A step with gains that another filter of the same model has [written](Self::write_gains), for the same
+    /// measurements. The covariance stays what it was.
+    pub fn step_by(&mut self, y: &[f64], mask: u64, gains: &[f64]) {
+        let mask = self.usable(y, mask);
+        self.predict(&[]);
+        self.recursion.take_gains(mask, self.states, gains);
+        self.apply(y, mask, &[]);
+    }
+
     /// The measurements of `mask` that are numbers.
     fn usable(&self, y: &[f64], mask: u64) -> u64 {
         let mut mask = mask & u64::MAX.checked_shr(64 - self.outputs as u32).unwrap_or(0);

@@ -72,6 +72,23 @@ impl Recursion {
         self.covariance.update_beside(mask, more, &mut self.slots[0]);
     }
 
+    /// Takes gains that have been computed elsewhere, column after column.
+    pub fn take_gains(&mut self, mask: u64, states: usize, gains: &[f64]) {
+        self.started = true;
+        self.current = 0;
+        let own = &mut self.slots[0];
+        own.mask = mask;
+        // (states + outputs) outputs numbers.
+        let outputs = own.whitening.columns();
+        let (gain, whitening) = gains.split_at(states * outputs);
+        for (j, column) in gain.chunks_exact(states).enumerate() {
+            own.gain.column_mut(j).as_flattened_mut()[..states].copy_from_slice(column);
+        }
+        for (j, column) in whitening.chunks_exact(outputs).enumerate() {
+            own.whitening.column_mut(j).as_flattened_mut()[..outputs].copy_from_slice(column);
+        }
+    }
+
     /// The gains of the last step.
     #[inline]
     pub fn gains(&self) -> &Gains {

@@ -79,7 +79,7 @@ impl Remote {
             flown.add_effect(effect.clone().during(window).unwrap()).unwrap();
         }
         let mut simulator = Simulator::new(&flown, period_s / FINE as f64, seed).unwrap();
-        simulator.set_engine(Engine::Off);
+        simulator.set_engine(Engine::Flying);
         let angles = ["roll", "pitch"].iter().filter_map(|name| vehicle.state_index(name));
         let neutral: Vec<f64> = vehicle.inputs.iter().map(|i| i.neutral()).collect();
         Self {
