@@ -96,8 +96,11 @@ impl Knowledge {
     /// How late the measurements of a real vehicle are; `None` for a simulation.
     pub(crate) fn lateness(&self, filter: &KalmanFilter) -> Result<Option<Lateness>, MirrorError> {
         let linear = LinearModel::new(&self.vehicle)?;
+        // What passes a lag or a mode of an actuator arrives there later, and is as much in the end.
+        let b = &self.vehicle.b;
+        let c = linear.c.columns(0, linear.own).into_owned();
         let shaken = self.unpredictable(jitter_s(self.period_s));
-        Ok(self.real.then(|| Lateness::new(filter, (&linear.b, &linear.c), shaken, self.period_s)))
+        Ok(self.real.then(|| Lateness::new(filter, (b, &c), shaken, self.period_s)))
     }
 
     /// Variance of each output by the part of declared vibrations that no filter predicts where the time of a sample

@@ -22,7 +22,8 @@ const UNCERTAIN: f64 = 2.0;
 const JUMPS: f64 = 1.0;
 
 /// Standard deviation of the time of a single message, in periods: it takes a time that differs by up to a period, and
-/// then waits for a step for up to a period; the variance of an equal distribution is a twelfth.
+/// then waits for a step for up to a period. The variance of an equal distribution is a twelfth; this is the root of a
+/// sixth.
 const JITTER: f64 = 0.408_248_290_463_863;
 
 /// Ages between which the inputs are held back for as many periods as they are, in periods, and the standard
@@ -66,8 +67,8 @@ pub(crate) struct Lateness {
 }
 
 impl Lateness {
-    /// For a filter whose first states have the input matrix `b` and the output matrix `c`; `shaken` is variance of the
-    /// outputs that nobody predicts.
+    /// For a filter whose first states are the vehicle's own, with the input matrix `b` and the output matrix `c`;
+    /// `shaken` is variance of the outputs that nobody predicts.
     pub fn new(
         filter: &KalmanFilter,
         (b, c): (&DMatrix<f64>, &DMatrix<f64>),
