@@ -139,7 +139,7 @@ fn a_tone_that_stops_with_the_engine_is_the_engines() {
 #[test]
 fn several_flights_are_one_question() {
     let late = with(Kind::InputDelay, "u_roll", &[("delay_s", 0.04)]);
-    let records = [fly(&late, 9), flight(&late, 20.0, &[0.05, 0.0, 0.0, 0.0], 2.0, Some(10))];
+    let records = vec![fly(&late, 9), flight(&late, 20.0, &[0.05, 0.0, 0.0, 0.0], 2.0, Some(10))];
     let answer = diagnose(records, &quadrotor(), &Options::default()).unwrap();
     names(&answer, "input_delay", "u_roll");
     holds(&answer, "delay_s", 0.04, 0.05);
