@@ -242,14 +242,16 @@ impl Transform {
     }
 }
 
+/// A spectrum with its inverse transform. Only values at the grid times are needed: times in between may alias.
+type Folded = (Vec<Complex<f64>>, Arc<dyn Fft<f64>>);
+
 /// Products of samples with a response that begins at each time of the grid, summed over the channels; 0 at the
 /// grid's end.
 struct Products<'g> {
     grid: &'g Grid,
     values: Vec<f64>,
-    /// Spectrum of what is still to be added to the values, with its inverse transform. Only values at the grid
-    /// times are needed: times in between may alias.
-    folded: Option<(Vec<Complex<f64>>, Arc<dyn Fft<f64>>)>,
+    /// What is still to be added to the values.
+    folded: Option<Folded>,
 }
 
 impl<'g> Products<'g> {

@@ -11,6 +11,17 @@ use whirlstand_vehicle::{Effect, Engine, LinearModel, Simulator, Stream, Vehicle
 /// Steps of the vehicle's motion in one of its periods.
 const FINE: u64 = 10;
 
+/// A message with the bench time of its arrival, in periods.
+type Message = (f64, Vec<f64>);
+
+/// The next message that has arrived.
+fn arrived(messages: &mut VecDeque<Message>, now: f64) -> Option<Vec<f64>> {
+    if messages.front()?.0 > now {
+        return None;
+    }
+    messages.pop_front().map(|(_, values)| values)
+}
+
 /// What the clocks and the link are like.
 #[derive(Debug, Clone, Copy)]
 pub struct Link {
@@ -35,9 +46,9 @@ pub struct Remote {
     /// Steps of the bench, and fine steps of the vehicle.
     pub step: u64,
     fine: u64,
-    /// Messages on their way, with the bench time of their arrival in periods.
-    commands: VecDeque<(f64, Vec<f64>)>,
-    measurements: VecDeque<(f64, Vec<f64>)>,
+    /// Messages on their way.
+    commands: VecDeque<Message>,
+    measurements: VecDeque<Message>,
     acting: Vec<f64>,
     command: Vec<f64>,
     acted: Vec<f64>,
@@ -116,7 +127,7 @@ impl Remote {
         let now = self.step as f64;
         while (self.fine as f64) < now * (1.0 + self.link.drift) * FINE as f64 {
             let at = self.fine as f64 / FINE as f64 / (1.0 + self.link.drift);
-            while let Some((_, command)) = self.commands.pop_front_if(|(arrival, _)| *arrival <= at) {
+            while let Some(command) = arrived(&mut self.commands, at) {
                 self.acting = command;
             }
             self.simulator.apply(&self.acting);
@@ -136,7 +147,7 @@ impl Remote {
             self.next_setpoint += ((1.0 + 2.0 * self.stream.uniform()) / self.period_s) as u64;
         }
         self.fresh = 0;
-        while let Some((_, y)) = self.measurements.pop_front_if(|(arrival, _)| *arrival <= now) {
+        while let Some(y) = arrived(&mut self.measurements, now) {
             self.y = y;
             self.fresh = (1 << self.y.len()) - 1;
         }
