@@ -1,5 +1,7 @@
 //! The mirror beside a vehicle that has its own clock, at the end of a link.
 
+#[path = "support/law.rs"]
+mod law;
 #[path = "support/remote.rs"]
 mod remote;
 

@@ -1,10 +1,11 @@
 //! Flights in closed loop, in process, for measurements and tests of the mirror.
 
-use whirlstand_control::{
-    Controller, Design, Estimator, EstimatorOptions, LawOptions, LqrOptions, SampledPlant, Sensors,
-};
+mod law;
+
+use law::law;
+use whirlstand_control::{Controller, Estimator};
 use whirlstand_mirror::Sample;
-use whirlstand_vehicle::{Effect, Engine, LinearModel, Simulator, Stream, Vehicle, Window};
+use whirlstand_vehicle::{Effect, Engine, Simulator, Stream, Vehicle, Window};
 
 /// A flight under LQR with a setpoint that moves at random, as the bench flies it: command k acts from step k + 1 on.
 pub struct Flight {
@@ -32,25 +33,7 @@ impl Flight {
             simulator.set_engine(Engine::Flying);
             simulator
         };
-        let linear = LinearModel::new(vehicle).unwrap();
-        let plant = SampledPlant::of(&linear, period_s).unwrap();
-        let limits = vehicle.inputs.iter();
-        let limits = limits
-            .map(|i| whirlstand_control::InputLimits { lower: i.lower, upper: i.upper, rate: i.rate_limit })
-            .collect();
-        let plant = plant.with_limits(limits).unwrap();
-        let states = vehicle.states.iter().map(|s| s.name.clone()).collect();
-        let inputs = vehicle.inputs.iter().map(|i| i.name.clone()).collect();
-        let plant = plant.with_names(states, inputs).unwrap();
-        let design = Design::new(&plant, &LawOptions::Lqr(LqrOptions::default())).unwrap();
-        let std = vehicle.outputs.iter().map(|o| o.sensor_std(Engine::Flying, 0.0).max(1e-6)).collect();
-        let sensors = Sensors {
-            c: linear.c.columns(0, linear.own).into_owned(),
-            d: linear.d.clone(),
-            std,
-            names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
-        };
-        let estimator = Estimator::of(&plant, &sensors, Some(&linear), &EstimatorOptions::default()).unwrap();
+        let (controller, estimator) = law(vehicle, period_s, Engine::Flying);
         let mut flown = vehicle.clone();
         if let Some((effect, step)) = effect {
             let window = Window { from_s: Some((step as f64 - 1e-6) * period_s), until_s: None };
@@ -61,7 +44,7 @@ impl Flight {
         let neutral: Vec<f64> = vehicle.inputs.iter().map(|i| i.neutral()).collect();
         Self {
             simulator: simulator(&flown),
-            controller: Controller::new(&design),
+            controller,
             estimator,
             stream: Stream::new(seed, "setpoint"),
             reference: vec![0.0; vehicle.states.len()],

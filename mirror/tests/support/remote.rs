@@ -2,11 +2,10 @@
 
 use std::collections::VecDeque;
 
-use whirlstand_control::{
-    Controller, Design, Estimator, EstimatorOptions, LawOptions, LqrOptions, SampledPlant, Sensors,
-};
+use super::law::law;
+use whirlstand_control::{Controller, Estimator};
 use whirlstand_mirror::Sample;
-use whirlstand_vehicle::{Effect, Engine, LinearModel, Simulator, Stream, Vehicle, Window};
+use whirlstand_vehicle::{Effect, Engine, Simulator, Stream, Vehicle, Window};
 
 /// Steps of the vehicle's motion in one of its periods.
 const FINE: u64 = 10;
@@ -66,24 +65,7 @@ impl Remote {
         effect: Option<(&Effect, u64)>,
         link: Link,
     ) -> Self {
-        let linear = LinearModel::new(vehicle).unwrap();
-        let plant = SampledPlant::of(&linear, period_s).unwrap();
-        let limits = vehicle.inputs.iter();
-        let limits = limits
-            .map(|i| whirlstand_control::InputLimits { lower: i.lower, upper: i.upper, rate: i.rate_limit })
-            .collect();
-        let plant = plant.with_limits(limits).unwrap();
-        let states = vehicle.states.iter().map(|s| s.name.clone()).collect();
-        let inputs = vehicle.inputs.iter().map(|i| i.name.clone()).collect();
-        let plant = plant.with_names(states, inputs).unwrap();
-        let design = Design::new(&plant, &LawOptions::Lqr(LqrOptions::default())).unwrap();
-        let sensors = Sensors {
-            c: linear.c.columns(0, linear.own).into_owned(),
-            d: linear.d.clone(),
-            std: vehicle.outputs.iter().map(|o| o.sensor_std(Engine::Off, 0.0).max(1e-6)).collect(),
-            names: vehicle.outputs.iter().map(|o| o.name.clone()).collect(),
-        };
-        let estimator = Estimator::of(&plant, &sensors, Some(&linear), &EstimatorOptions::default()).unwrap();
+        let (controller, estimator) = law(vehicle, period_s, Engine::Off);
         let mut flown = vehicle.clone();
         if let Some((effect, step)) = effect {
             let window = Window { from_s: Some((step as f64 - 1e-6) * period_s), until_s: None };
@@ -95,7 +77,7 @@ impl Remote {
         let neutral: Vec<f64> = vehicle.inputs.iter().map(|i| i.neutral()).collect();
         Self {
             simulator,
-            controller: Controller::new(&design),
+            controller,
             estimator,
             stream: Stream::new(seed, "setpoint"),
             link,
