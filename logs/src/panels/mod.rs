@@ -75,7 +75,8 @@ impl Panels {
         if let Some(transforms) = self.poses.hear(message) {
             let ns = message.head().stamp_ns;
             tell(ns, Panel::Transforms(transforms));
-            if self.told_shape.is_none_or(|told| ns.abs_diff(told) >= SHAPE_EVERY_NS) {
+            // Topics are heard in batches, so that the time of one may lie far behind that of another.
+            if self.told_shape.is_none_or(|told| ns.saturating_sub(told) >= SHAPE_EVERY_NS) {
                 self.told_shape = Some(ns);
                 let entities = shape::of(&self.vehicle, timestamp(ns));
                 tell(ns, Panel::Scene(SceneUpdate { deletions: Vec::new(), entities }));
@@ -128,5 +129,39 @@ fn line(event: &Event, ns: u64) -> Log {
         message: event.text.clone(),
         name: "whirlstand".into(),
         ..Log::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+    use whirlstand_msgs::{Estimate, Head, Truth};
+
+    use super::*;
+    use crate::bench_info::SignalInfo;
+
+    /// Behind busy processors, a recorder hears seconds of one topic before those of the next.
+    #[test]
+    fn the_shape_is_told_once_a_second_however_long_the_batches_of_topics_are() {
+        let states = vec![SignalInfo::new("roll", "rad")];
+        let info = BenchInfo { period_ns: 5_000_000, states, ..BenchInfo::default() };
+        for steps_of_a_batch in [1, 100, 500, 1200] {
+            let mut panels = Panels::new(&info, BTreeMap::new());
+            let mut told = Vec::new();
+            let steps: Vec<u64> = (0..1200).collect();
+            for batch in steps.chunks(steps_of_a_batch) {
+                let heads = batch.iter().map(|&step| Head { seq: step, step, stamp_ns: step * 5_000_000 });
+                let estimates = heads.clone().map(|head| Estimate { head, ..Estimate::zeroed() }.into());
+                let truths = heads.map(|head| Truth { head, ..Truth::zeroed() }.into());
+                for message in estimates.chain(truths) {
+                    panels.hear(&message, |ns, panel| {
+                        if let Panel::Scene(_) = panel {
+                            told.push(ns / 1_000_000);
+                        }
+                    });
+                }
+            }
+            assert_eq!(told, [0, 1000, 2000, 3000, 4000, 5000], "batches of {steps_of_a_batch}");
+        }
     }
 }
