@@ -92,13 +92,15 @@ fn a_pause_of_the_logger_is_a_hole_in_the_record() {
 fn an_old_log_without_units_is_read_with_the_scales_of_its_types() {
     let folder = tempfile::tempdir().unwrap();
     let mut log = Writer::default();
-    log.define(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns");
+    // ArduCopter 3.2 leaves out the last name.
+    log.define(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format");
     log.define(9, 75, "ACC", "Igca", "TimeMS,Half,Hundredths,Raw");
     for k in 0..50u32 {
         let raw: Vec<u8> = (0..32i16).flat_map(|n| (n - 16).to_le_bytes()).collect();
         log.message(9, &[&(1000 + 20 * k).to_le_bytes(), &[0, 0xc0], &(-150i16).to_le_bytes(), &raw]);
     }
     let path = written(folder.path(), &log.bytes);
+    assert_eq!(info(&path).unwrap().remarks, Vec::<String>::new());
     let maps = mappings(&["half=ACC.Half", "speed=ACC.Hundredths[m/s]", "raw=ACC.Raw[3]"]);
     let record = read(&path, &maps).unwrap();
     let at = |name: &str| record.signal(name).unwrap().values[7];

@@ -252,8 +252,12 @@ fn within_a_step(mean: f64, std: f64, step: f64) -> f64 {
 /// The smallest distance between values that repeat, 0 where none do. Interpolated values between rounded
 /// ones repeat by chance: values that repeat far less often than usual are left out.
 fn step_between_levels(values: &[f64], tiny: f64) -> f64 {
-    let mut repeated: Vec<f64> =
-        values.windows(2).filter(|w| (w[1] - w[0]).abs() <= tiny).map(|w| w[1]).collect();
+    let equal = |a: f64, b: f64| (a - b).abs() <= tiny;
+    // Once for every stretch of equal values: a vehicle at rest repeats its zeros as often as all other levels together.
+    let mut repeated: Vec<f64> = (1..values.len())
+        .filter(|&k| equal(values[k], values[k - 1]) && (k == 1 || !equal(values[k - 1], values[k - 2])))
+        .map(|k| values[k])
+        .collect();
     repeated.sort_unstable_by(f64::total_cmp);
     let levels: Vec<&[f64]> = repeated.chunk_by(|a, b| b - a <= tiny).collect();
     // Total number of occurrences of each repeating value, one entry per occurrence.
@@ -321,6 +325,22 @@ mod tests {
             }
             assert_eq!(held(&mut jittered, 0), None, "{step}, interpolated");
         }
+    }
+
+    #[test]
+    fn a_rounded_sensor_that_rests_between_its_motions_has_lost_nothing() {
+        let mut stream = Stream::new(9, "rest");
+        let mut flight = channel(1.0, None);
+        // The logger resamples the sensor from another clock by linear interpolation.
+        let angle = |k: usize| 20.0 * (std::f64::consts::TAU * k as f64 / 200.0).sin();
+        let rounded: Vec<f64> = (0..=SAMPLES)
+            .map(|k| if (k / 250) % 2 == 0 { 0.0 } else { (angle(k) + 0.4 * stream.normal()).round() })
+            .collect();
+        for (value, two) in flight.values.iter_mut().zip(rounded.windows(2)) {
+            let share = 0.5 * stream.uniform();
+            *value = (1.0 - share) * two[0] + share * two[1];
+        }
+        assert_eq!(held(&mut flight, 0), None);
     }
 
     #[test]

@@ -23,6 +23,10 @@ pub struct Family {
 pub const INTEGRALS: [(&str, &str); 3] =
     [("roll", "roll_rate"), ("pitch", "pitch_rate"), ("yaw", "yaw_rate")];
 
+/// Inputs whose path to the vehicle is not linear, by the beginning of their names in a log, and why.
+pub const BENT: [(&str, &str); 1] =
+    [("main.rcCommand", "the pilot's stick before its curve of rates and expo, which no linear model has")];
+
 /// All programs, in the order in which they are tried.
 pub const FAMILIES: [Family; 6] = [PX4, ARDUPILOT, BETAFLIGHT, CRAZYFLIE, ROS, COLUMNS];
 
@@ -148,6 +152,7 @@ const BETAFLIGHT: Family = Family {
             ("u_yaw", ("main.setpoint[2]", "deg/s")),
             ("u_thrust", ("main.setpoint[3]", "")),
         ],
+        // Before Betaflight 4.
         &[
             ("u_roll", ("main.rcCommand[0]", "")),
             ("u_pitch", ("main.rcCommand[1]", "")),

@@ -159,6 +159,7 @@ pub fn link(
     left_out.extend(unlinked.map(|output| LeftOut {
         output: output.name.clone(),
         why: match response_remark(output, &all) {
+            _ if !moves(record, output) => "it does not change".into(),
             Some(best) => {
                 format!("no input that is not already used for another output explains it on held-out data ({best})")
             }

@@ -220,7 +220,8 @@ fn topic_text(topic: &TopicInfo) -> String {
     let lost = if topic.lost > 0 { style::bad(&format!(", {} lost", topic.lost)) } else { String::new() };
     let gaps =
         if topic.gaps > 0 { style::bad(&format!(", {}", counted(topic.gaps, "gap"))) } else { String::new() };
-    format!("{:<16} {} messages of {}{rate}{lost}{gaps}", topic.name, topic.messages, topic.message_type)
+    let of = if topic.message_type.is_empty() { "" } else { " of " };
+    format!("{:<16} {} messages{of}{}{rate}{lost}{gaps}", topic.name, topic.messages, topic.message_type)
 }
 
 fn signal_text(signal: &SignalSummary) -> String {

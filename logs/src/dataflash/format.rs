@@ -56,9 +56,8 @@ impl Format {
             fields.push(Field { label: label.trim().into(), kind, offset: end });
             end += bytes;
         }
-        let whole = !name.is_empty() && HEADER + end <= length.into();
-        let own = kind != DEFINITION || length == DEFINITION_LENGTH;
-        (whole && own).then_some(Self { kind, length, name, fields, unknown })
+        let is_whole = !name.is_empty() && HEADER + end <= length.into();
+        is_whole.then_some(Self { kind, length, name, fields, unknown })
     }
 
     /// Time of a message since the autopilot started, ns; `None` for the few messages without a time.

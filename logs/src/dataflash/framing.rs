@@ -136,18 +136,18 @@ impl<R: Read> Messages<R> {
         if kind != usize::from(DEFINITION) {
             return true;
         }
-        let format = Format::parse(&self.buffer[self.next + HEADER..self.next + length]);
-        match format {
-            Some(format) if format.kind != DEFINITION => {
-                let known = &mut self.formats[usize::from(format.kind)];
-                if known.as_ref() != Some(&format) {
-                    *known = Some(format);
-                    self.definitions += 1;
-                }
-                true
-            }
-            format => format.is_some(),
+        let content = &self.buffer[self.next + HEADER..self.next + length];
+        if content.starts_with(&[DEFINITION]) {
+            // The layout of these messages is that of the format. Old autopilots name one field too few in it.
+            return content[1] == DEFINITION_LENGTH;
         }
+        let Some(format) = Format::parse(content) else { return false };
+        let known = &mut self.formats[usize::from(format.kind)];
+        if known.as_ref() != Some(&format) {
+            *known = Some(format);
+            self.definitions += 1;
+        }
+        true
     }
 
     /// Ends the range without messages.
