@@ -77,6 +77,9 @@ impl AnyReadError {
     }
 }
 
+/// Beginning of the text that Git LFS leaves in the place of a file that it has not fetched.
+const LFS_POINTER: &[u8] = b"version https://git-lfs.";
+
 /// The kinds of log, recognised by the beginning of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
@@ -96,7 +99,7 @@ pub enum Kind {
 /// where the first bytes are not conclusive, as in a file with a damaged beginning.
 ///
 /// # Errors
-/// The error of the operating system.
+/// The error of the operating system, or that the file is a pointer to the log.
 pub fn kind(path: &Path) -> std::io::Result<Kind> {
     // The first file of a log may have been removed by its recorder.
     if path.is_dir() || !path.exists() && Segments::of(path).files().next().is_some() {
@@ -104,6 +107,11 @@ pub fn kind(path: &Path) -> std::io::Result<Kind> {
     }
     let mut start = Vec::new();
     File::open(path)?.take(32).read_to_end(&mut start)?;
+    if start.starts_with(LFS_POINTER) {
+        return Err(std::io::Error::other(
+            "this is a pointer of Git LFS to the log, not the log; `git lfs pull` fetches it",
+        ));
+    }
     let ending = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
     Ok(if start.starts_with(&mcap::MAGIC[..5]) {
         Kind::Mcap

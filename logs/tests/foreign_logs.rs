@@ -317,3 +317,16 @@ proptest! {
         let _ = info(&path);
     }
 }
+
+#[test]
+fn a_pointer_of_git_lfs_is_told_apart_from_a_log() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["flight.ulg", "flight.csv", "flight.bin", "flight.bbl"] {
+        let path = folder.path().join(name);
+        fs::write(&path, "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+            .unwrap();
+        for error in [read(&path, &[]).unwrap_err().to_string(), info(&path).unwrap_err().to_string()] {
+            assert!(error.contains(name) && error.contains("`git lfs pull`"), "{error}");
+        }
+    }
+}
