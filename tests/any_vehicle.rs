@@ -1,4 +1,5 @@
-//! A vehicle of any names flies: its outputs travel, are estimated, recorded, judged, exported and identified.
+//! A vehicle with arbitrary signal names flies: its outputs are transmitted, estimated, recorded, judged, exported and
+//! identified.
 
 mod support;
 
@@ -6,7 +7,7 @@ use std::path::Path;
 
 use support::{json, run};
 
-/// Position control of a DC motor: not one of its names is known to the program.
+/// Position control of a DC motor; the program knows none of its signal names.
 const MOTOR: &str = r#"
 name = "motor"
 A = [[0.0, 1.0, 0.0], [0.0, -2.0, 20.0], [0.0, -0.5, -40.0]]
@@ -69,7 +70,7 @@ fn a_motor_flies() {
     flies(MOTOR, "law = \"lqr\"\nq = { angle = 100.0 }", &["encoder", "shunt"]);
 }
 
-/// Units of parameters and figures are those of its signals, however they are put together.
+/// Parameters and figures carry the units that follow from the units of their signals.
 #[test]
 fn what_is_said_of_a_motor_carries_its_units() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! Stand-ins for autopilots, written in Python by the protocols' published layouts, fly the bench's vehicle over
-//! loopback sockets: they hold it level against a gust with what the bridge lets them see, and note every fault.
+//! Stand-ins for autopilots, written in Python from the published protocol layouts, fly the bench's vehicle over
+//! loopback sockets: they hold it level against a gust using only what the bridge sends, and record every fault.
 
 mod support;
 
@@ -23,7 +23,7 @@ fn px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop() -> Outcome {
     Ok(())
 }
 
-/// A stand-in that flies nobody's bench, and what `bridge check` says of it; its exit code and its words.
+/// Runs `bridge check` against a stand-in without a running bench; returns its exit code and its output.
 fn check(
     program: &str,
     arguments: &[String],
@@ -44,7 +44,7 @@ fn check(
     Ok((end.code(), end.stdout + &end.stderr))
 }
 
-/// Each line of `expected`, a verdict and words of what it is about, is told.
+/// Asserts that each line of `expected`, a verdict and words of its subject, is reported.
 fn has_verdicts(said: &str, expected: &str) {
     for (verdict, words) in expected.lines().filter_map(|l| l.trim().split_once(' ')) {
         let told = said.lines().any(|l| l.starts_with(verdict) && l.contains(words));
@@ -99,7 +99,7 @@ fn the_check_says_which_axis_ardupilot_has_turned() -> Outcome {
     Ok(())
 }
 
-/// What the check says of Betaflight's stand-in, armed, whose motors answer yaw by so much.
+/// Result of `bridge check` on the armed stand-in for Betaflight, with this yaw demand per yaw rate.
 fn check_of_armed_betaflight(yaw: &str) -> Result<(i32, String), Missing> {
     let (ports, msp): ([u16; 4], _) = (std::array::from_fn(|_| free_udp()), free_tcp().to_string());
     let more = ["REPORT", "--msp", &msp, "--yaw", yaw].map(String::from);
@@ -115,7 +115,7 @@ fn check_of_armed_betaflight(yaw: &str) -> Result<(i32, String), Missing> {
 }
 
 fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() -> Outcome {
-    // Each axis that answers, both ways; what could not be checked is no success.
+    // Each axis is checked in both directions; an axis that does not answer is no success.
     for (yaw, exit, push_back, silent) in [("0.5", 0, 6, 0), ("0.0", 1, 4, 2)] {
         let (code, said) = check_of_armed_betaflight(yaw)?;
         assert_eq!(code, exit, "{said}");
@@ -137,13 +137,13 @@ fn px4s_side_of_mavlink_hil_flies_in_lockstep() -> Outcome {
     let flight = px4(&[], &["--mode", "lockstep", "--set", "rate_hz=250", "--set", "bridge.px4.rc=true"])?;
     let flight = flight.well();
     let seen = |kind: &str| flight.report["seen"][kind].as_u64().unwrap_or(0);
-    // 10 s at 250 Hz, and what it took to start.
+    // 10 s at 250 Hz, plus the start.
     let sensors = seen("HIL_SENSOR");
     assert!(sensors >= 2500, "{}", flight.report);
     for (kind, share) in [("HIL_GPS", 25), ("HIL_STATE_QUATERNION", 2), ("RC_CHANNELS", 6)] {
         assert!(seen(kind) >= sensors / share - 5, "{kind}: {}", flight.report);
     }
-    // What it estimates from gyroscope and accelerometer is the attitude, to the sensors' errors.
+    // The attitude that it estimates from gyroscope and accelerometer is correct within the sensors' errors.
     assert!(flight.report["roll_error"].as_f64().unwrap() < 0.03, "{}", flight.report);
     Ok(())
 }
@@ -181,7 +181,7 @@ fn ardupilot(options: &[&str], rest: &[&str]) -> Result<Flight, Missing> {
 }
 
 fn ardupilots_side_of_its_json_interface_flies_in_lockstep() -> Outcome {
-    // It is slow to start as well, which costs nothing of the flight.
+    // The stand-in also starts slowly, which costs no flight time.
     let options = ["--resend", "100", "--boots", "0.6"];
     let flight = ardupilot(&options, &["--mode", "lockstep", "--set", "rate_hz=400"])?;
     let flight = flight.well();
@@ -210,12 +210,12 @@ fn betaflights_side_of_its_sitl_flies_in_real_time_after_an_explicit_arm() -> Ou
     assert!(report["armed_at"].as_f64().unwrap() > 1.9, "not before the grace: {report}");
     assert_eq!(report["disarmed"], true, "disarmed at the end: {report}");
     assert_eq!(report["rc"][2], 1000, "throttle low at the end: {report}");
-    // Betaflight's clock is as fast as the wall's in every moment, however its packets come.
+    // Betaflight's clock runs at the rate of the wall clock at all times, however its packets arrive.
     assert_eq!(report["rates"], serde_json::json!([1.0, 1.0, 1.0]), "{report}");
     Ok(())
 }
 
-/// Soaks a bench under a stand-in; the result, and what the stand-in saw.
+/// Soaks a bench with a stand-in; returns the result and the report of the stand-in.
 fn soaked(
     fault: &str,
     bridge: &str,
@@ -243,7 +243,7 @@ fn soaked(
     Ok((json(result), json(report)))
 }
 
-/// Valid outputs of a second sender and nonsense, at 10 kHz: neither is believed, and neither costs a step.
+/// Valid outputs of a second sender and malformed data, at 10 kHz: neither is accepted, and neither costs a step.
 fn strangers_at_an_autopilots_port_are_refused_while_it_flies() -> Outcome {
     let ports: [u16; 4] = std::array::from_fn(|_| free_udp());
     let (arguments, options) = betaflight(ports);
@@ -264,7 +264,7 @@ fn strangers_at_an_autopilots_port_are_refused_while_it_flies() -> Outcome {
     Ok(())
 }
 
-/// It has two reasons, or no switch that arms it, for which it has no flag: that is told with what it means.
+/// Two reasons prevent arming, or no switch arms it (for which it has no flag): each is reported with its meaning.
 fn betaflight_that_does_not_arm_says_why() -> Outcome {
     let blocked = format!("--blocked={:#x}", 1 << 28 | 1 << 23 | 1 << 7);
     for (how, words) in [
@@ -283,7 +283,7 @@ fn betaflight_that_does_not_arm_says_why() -> Outcome {
     Ok(())
 }
 
-/// PX4 in lockstep that is never armed, and says why `how`; the words that the bench has for it.
+/// Flies PX4 in lockstep, never armed, with the stand-in options `how`; the bench must print `words`.
 fn px4_that_does_not_arm(how: &[&str], place: &str, words: &str) -> Outcome {
     let port = free_tcp();
     let mut arguments = vec![port.to_string(), "REPORT".into()];
@@ -299,23 +299,23 @@ fn px4_in_lockstep_that_does_not_arm_says_why_on_its_link_and_at_a_port_of_its_o
     const CHECKS: &str = "PX4 cannot be armed: its arming checks fail, in every mode: GPS, magnetometer";
     let ground = free_udp();
     let (port, place) = (ground.to_string(), format!("udpin://127.0.0.1:{ground}"));
-    // Its checks never pass: over the simulator's own link, and where it speaks to others, as software in the loop does.
+    // PX4's checks never pass; it reports this on the simulator's link, or on its other port as software in the loop.
     px4_that_does_not_arm(&["--station", "1e9"], "", CHECKS)?;
     px4_that_does_not_arm(&["--station", "1e9", "--ground", &port], &place, CHECKS)?;
-    // Without events the health bits say it.
+    // Without events, the health bits give the reason.
     let bits = ["--station", "1e9", "--bits", "--ground", &port];
     let words = "PX4 cannot be armed: its pre-arm checks fail; not healthy: magnetometer, GPS";
     px4_that_does_not_arm(&bits, &place, words)
 }
 
-/// It answers, and nobody hears why it does not fly: then where to look for it is told.
+/// PX4 responds, but no reason why it is not armed is received: the bench reports where it listens for one.
 fn px4_in_lockstep_that_says_nothing_is_told_with_where_to_look() -> Outcome {
     let place = format!("udpin://127.0.0.1:{}", free_udp());
     let words = format!("is not armed, and has not said why: nothing is received from it at {place}");
     px4_that_does_not_arm(&["--disarmed"], &place, &words)
 }
 
-/// As its comment says: then the controller is ours, and holds what Betaflight holds.
+/// As the comment in the example says: the project's own controller then flies, and holds what Betaflight holds.
 fn the_example_of_betaflight_flies_without_its_bridge_line() {
     let dir = tempfile::tempdir().unwrap();
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight");
@@ -326,7 +326,7 @@ fn the_example_of_betaflight_flies_without_its_bridge_line() {
     let launch = dir.path().join("flight.toml");
     std::fs::write(&launch, text.replace(line, "")).unwrap();
     let out = dir.path().join("out");
-    // In lockstep, so that a busy machine changes nothing.
+    // In lockstep, so that the load of the machine has no effect.
     let args = ["run", launch.to_str().unwrap(), "--mode", "lockstep", "--out", out.to_str().unwrap()];
     run(args).success();
     let outputs = &json(out.join("summary.json"))["runs"][0]["outputs"];

@@ -1,5 +1,5 @@
-//! Betaflight itself, as software in the loop, flies the example as its manual says. Its program is built once by the harness,
-//! or named by WHIRLSTAND_BETAFLIGHT_SITL.
+//! Betaflight itself, as software in the loop, flies the example as the manual page says. Its program is built once by
+//! the harness, or named by WHIRLSTAND_BETAFLIGHT_SITL.
 
 mod support;
 
@@ -12,18 +12,18 @@ use std::time::{Duration, Instant};
 use support::{HUNG, Running, json, run, spawn};
 use whirlstand_test_harness::{Betaflight, Outcome, betaflight_sitl};
 
-/// What its manual page has the user type.
+/// Commands that the manual page prescribes.
 const SETTINGS: [&str; 3] =
     ["aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0", "set acc_calibration = 0,0,0,1"];
 
-/// The program, in a folder of its own for its settings.
+/// Starts the program in a folder of its own for its settings.
 fn betaflight(program: &Path, folder: &Path) -> Running {
     let mut command = Command::new(program);
     command.current_dir(folder);
     spawn(command)
 }
 
-/// Types into its command line, and reads on to the next prompt, or to the end.
+/// Types into Betaflight's command line and reads up to the next prompt, or to the end.
 fn ask(link: &mut TcpStream, typed: &str) {
     link.write_all(typed.as_bytes()).unwrap();
     let (mut heard, mut byte) = (Vec::new(), [0]);
@@ -32,7 +32,7 @@ fn ask(link: &mut TcpStream, typed: &str) {
     }
 }
 
-/// Sets it up and starts it anew.
+/// Configures Betaflight and restarts it.
 fn set_up(program: &Path, folder: &Path) -> Running {
     let first = betaflight(program, folder);
     let until = Instant::now() + HUNG;
@@ -43,18 +43,18 @@ fn set_up(program: &Path, folder: &Path) -> Running {
         }
     };
     link.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-    // This alone opens it: older releases take whatever follows at once for something else.
+    // A single '#' opens the command line: older releases misinterpret anything that follows at once.
     ask(&mut link, "#");
     for line in SETTINGS.iter().chain(&["save"]) {
         ask(&mut link, &format!("{line}\n"));
     }
-    // It ends where a board would reboot.
+    // `save` ends it where a board would reboot.
     first.finish();
     betaflight(program, folder)
 }
 
-/// Gives this thread, and what it starts, the priority that the manual asks for on a busy machine. Where that is not permitted the
-/// machine has to be at rest.
+/// Gives this thread, and the processes it starts, the priority that the manual asks for on a busy machine. If this is
+/// not permitted, the machine must be idle.
 fn take_priority() {
     let parameters = libc::sched_param { sched_priority: 30 };
     // SAFETY: `parameters` outlives the call.
@@ -79,7 +79,7 @@ fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcom
 
     let _autopilot = betaflight(&program, dir.path());
     let out = dir.path().join("out");
-    // Deadlines of a busy test machine are not what is tested.
+    // Deadlines on a busy test machine are not tested here.
     let ended = run(["run", example, "--out", out.to_str().unwrap(), "--set", &flavour]).success();
     let outputs = &json(out.join("summary.json"))["runs"][0]["outputs"];
     for axis in ["roll", "pitch"] {

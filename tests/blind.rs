@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 
 use support::{json, run};
 
-/// A program that writes what its folder holds next to itself, and then this diagnosis.
+/// A program that appends a listing of its folder to a file next to itself and then writes this diagnosis.
 fn stand_in(dir: &Path, diagnosis: &str) -> PathBuf {
     let (path, list) = (dir.join("stand-in.sh"), dir.join("seen.txt"));
     let script = format!(
@@ -38,7 +38,7 @@ fn the_program_sees_a_record_and_a_vehicle_and_nothing_else() {
         "--json",
         tally.to_str().unwrap(),
     ]));
-    // Nothing named where something is hidden: the first goal is missed.
+    // No cause is named where one is hidden, so the first goal is missed.
     assert_eq!(finished.code(), 1, "{}", finished.stderr);
     let seen = std::fs::read_to_string(dir.path().join("seen.txt")).unwrap();
     for line in seen.split("diagnose ").skip(1) {
@@ -65,7 +65,7 @@ fn the_program_sees_a_record_and_a_vehicle_and_nothing_else() {
         };
         assert_eq!(trial["outcome"], expected, "{number}");
     }
-    // A handful of clean records cannot show that one in a hundred is.
+    // A few clean records cannot demonstrate a rate of one in a hundred.
     assert_eq!(goal(&tally, "false cause on a clean record")["met"], Value::Null);
     assert_eq!(goal(&tally, "right name and place first")["met"], false);
 }
@@ -130,7 +130,7 @@ fn parts_join_to_the_whole_and_what_does_not_belong_together_is_refused() {
     };
     let ended = merge(&["part-3.json", "part-1.json", "part-2.json"]);
     assert_eq!(ended.code(), 1, "the whole misses a goal: {}", ended.stderr);
-    // How long each diagnosis took is of the machine.
+    // The duration of each diagnosis depends on the machine.
     let without_seconds = |name: &str| {
         let mut tally = json(dir.path().join(name));
         tally["trials"].as_array_mut().unwrap().iter_mut().for_each(|trial| trial["seconds"] = 0.into());
@@ -228,8 +228,8 @@ fn what_cannot_be_flown_is_refused_with_the_reason() {
     refused(&["--trials", "1", "--vehicle", silent.to_str().unwrap()], "declares no noise");
 }
 
-/// A fixed set through the whole program: every trial a process that sees a record and a vehicle alone. The bounds are
-/// those of a set of this size; the figures of the full table are in docs/blind.md.
+/// A fixed set of trials through the whole program: every trial is a process that sees only a record and a vehicle. The
+/// bounds suit a set of this size; the figures of the full table are in docs/blind.md.
 #[test]
 fn the_diagnosis_finds_what_was_hidden() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! The CRSF bridge and an SBUS pilot as a whole process, over pseudo-terminals, against a transmitter module and a receiver
-//! written from the published layouts alone.
+//! The CRSF bridge and an SBUS pilot as a whole process, over pseudo-terminals, against a transmitter module and a
+//! receiver written only from the published layouts.
 
 mod support;
 
@@ -11,7 +11,7 @@ use support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_lea
 use support::{json, run, said, spawn, spawn_listening, whirlstand};
 use whirlstand_test_harness::undisturbed;
 
-/// The module's line, the receiver's line, and the report of both.
+/// Paths of the module's line, of the receiver's line, and of the report of both.
 struct Place {
     dir: tempfile::TempDir,
     module: PathBuf,
@@ -26,7 +26,8 @@ impl Place {
         Self { dir, module, receiver, report }
     }
 
-    /// As [`Place::radio`], with a vehicle that flies by the channels and tells its attitude so often and so late.
+    /// As [`Place::radio`], with a vehicle that flies by the channels and reports its attitude every `every` periods,
+    /// `late` periods late.
     fn vehicle(&self, script: &Value, every: u32, late: u32) -> Command {
         self.flying(script, &value!({"every": every, "late": late}))
     }
@@ -37,7 +38,7 @@ impl Place {
         radio
     }
 
-    /// A built-in vehicle of which roll and pitch alone are measured, as CRSF tells them, with more text behind it.
+    /// Writes a built-in vehicle of which only roll and pitch are measured, as reported by CRSF, followed by `more`.
     fn vehicle_file(&self, builtin: &str, more: &str) -> String {
         let shown = run(["vehicle", "show", builtin]).success().stdout;
         let mut file: toml::Table = shown.parse().unwrap();
@@ -50,7 +51,7 @@ impl Place {
 
     fn radio(&self, script: &str) -> Command {
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bridge/radio.py");
-        // Where there is the tests' own Python, it has another reader of the same frames.
+        // The Python of the tests, where there is one, has a second parser for the same frames.
         let mut radio =
             Command::new(std::env::var_os("WHIRLSTAND_PYTHON").unwrap_or_else(|| "python3".into()));
         radio.arg(program).args([&self.module, &self.receiver, &self.report]).arg(script);
@@ -79,7 +80,7 @@ impl Place {
     }
 }
 
-/// Roll and throttle channels that were seen in a phase.
+/// Roll and throttle channels that were received in a phase.
 fn seen(report: &Value, phase: usize) -> Vec<(i64, i64)> {
     let list = report["phases"][phase].as_array().unwrap();
     list.iter().map(|v| (v[0].as_i64().unwrap(), v[1].as_i64().unwrap())).collect()
@@ -158,7 +159,7 @@ fn the_check_says_which_axis_of_the_telemetry_is_turned() {
     });
 }
 
-/// Latency of the telemetry that law and filter know of.
+/// Latency of the telemetry, known to the law and the estimator.
 const LATE: &str = r#"
 [[effects]]
 effect = "sensor_delay"
@@ -170,8 +171,8 @@ where = "pitch"
 delay_s = "100 ms"
 "#;
 
-/// ExpressLRS as it is delivered: a filter that knows how late and how rare the attitude is brings the vehicle back from a gust.
-/// By itself that takes it 8.7 s.
+/// ExpressLRS with its default settings: an estimator that knows the delay and the low rate of the attitude recovers
+/// the vehicle from a gust. Uncontrolled, the vehicle takes 8.7 s.
 #[test]
 fn telemetry_of_4_and_of_10_hz_is_flown_on() {
     for every in [25, 10] {
@@ -200,8 +201,8 @@ fn telemetry_of_4_and_of_10_hz_is_flown_on() {
     }
 }
 
-/// Telemetry of CRSF has no rates: from the attitude alone it is found out that the vehicle rolls against its commands, and the
-/// outputs go neutral.
+/// CRSF telemetry has no angular rates: the bridge detects from the attitude alone that the vehicle rolls against its
+/// commands, and sets the outputs to neutral.
 #[test]
 fn a_vehicle_that_rolls_against_its_commands_is_noticed_by_its_attitude_alone() {
     for every in [2, 10, 25] {
@@ -228,7 +229,8 @@ fn a_vehicle_that_rolls_against_its_commands_is_noticed_by_its_attitude_alone() 
     }
 }
 
-/// With the usual age limit one attitude that is lost would end the flight: nobody arms it, and the rate that is needed is told.
+/// With the usual age limit, one lost attitude would end the flight: arming is refused, and the required rate is
+/// reported.
 #[test]
 fn telemetry_of_4_hz_is_refused_where_one_attitude_lost_would_end_the_flight() {
     undisturbed(|| {
@@ -239,7 +241,7 @@ fn telemetry_of_4_hz_is_refused_where_one_attitude_lost_would_end_the_flight() {
         ]);
         let radio = spawn(place.vehicle(&phases, 25, 10));
         let out = place.dir.path().join("out");
-        // Just old enough that the attitude at hand is no reason by itself.
+        // Just long enough that the age of the current attitude is not itself a reason.
         let launch = place.launch_of("quadrotor", "stale_s = 0.4", "");
         let bench = spawn(whirlstand(["run", &launch, "--out", out.to_str().unwrap()]));
         radio.finish().success();
@@ -254,8 +256,8 @@ fn telemetry_of_4_hz_is_refused_where_one_attitude_lost_would_end_the_flight() {
     });
 }
 
-/// A pilot takes over for a part of a flight, in which somebody pushes the vehicle as well: of that nothing is learned, and it is
-/// said. What the controller flew before and after is enough.
+/// A pilot takes over for part of a flight, in which the vehicle is also pushed: that part is not used for
+/// identification or diagnosis, and this is reported. The controller's parts before and after it are sufficient.
 #[test]
 fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() {
     undisturbed(|| {

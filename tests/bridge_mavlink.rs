@@ -1,5 +1,5 @@
-//! The MAVLink bridge as a whole process, against programs that nobody here wrote: pymavlink is the autopilot, MAVSDK the
-//! ground station. Real UDP and real pseudo-terminals.
+//! The MAVLink bridge as a whole process, against third-party programs: pymavlink is the autopilot, MAVSDK the ground
+//! station. Real UDP and real pseudo-terminals.
 
 mod support;
 
@@ -12,7 +12,7 @@ use support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_lea
 use support::{Running, json, run, said, spawn, spawn_listening, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
-/// A port that nobody uses.
+/// A UDP port that no process uses.
 fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
@@ -49,7 +49,7 @@ fn end(running: Running) {
     running.finish().success();
 }
 
-/// The gust of the built-in bench, on our own plant; its controller is the autopilot, which knows MAVLink alone.
+/// The gust of the built-in bench, on this project's plant; its controller is the autopilot, which speaks only MAVLink.
 fn bench_flown_by_the_autopilot(python: &Path, port: u16, report: &Path) -> String {
     format!(
         r#"
@@ -97,11 +97,11 @@ fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() 
         dir.path().join("bridge").to_str().unwrap(),
     ]));
     vehicle.finish().success();
-    // The vehicle is gone now, and the bridge must say so by itself.
+    // The vehicle has ended, and the bridge must report this by itself.
     bridge.wait_for_stderr("FAILSAFE");
     bridge.signal(libc::SIGINT);
     let bridged = bridge.finish();
-    // The same bench with the controller inside it.
+    // The same bench with its own controller.
     let plain = dir.path().join("plain.toml");
     let text = std::fs::read_to_string(&physics).unwrap();
     let foreign = |line: &&str| ["[nodes", "exec", "env", "restart"].iter().any(|w| line.starts_with(w));
@@ -158,7 +158,7 @@ fn a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again() -
     let when = |what: &str| at(history.iter().find(|h| h[1] == what).unwrap());
     let (silent, disarmed) = (when("silence"), when("disarm"));
     assert!(history.iter().any(|h| h[1] == false && at(h) < silent), "it was moved before: {history:?}");
-    // 0.25 s of staleness; the rest is what a busy machine may take.
+    // 0.25 s of staleness; the rest is the tolerance for a busy machine.
     let held = history.iter().rfind(|h| h[1].is_boolean() && at(h) < disarmed).unwrap();
     assert!(held[1] == true && at(held) < silent + 0.6, "{} s after silence: {held}", at(held) - silent);
     let moved_again = history.iter().any(|h| h[1] == false && at(h) > when("arm"));
@@ -188,7 +188,7 @@ fn signed_links_work_and_strangers_are_not_believed() -> Outcome {
     end(stranger);
     assert_ne!(ended.code(), 0);
     assert!(ended.stderr.contains("no attitude arrived from the vehicle"), "{}", ended.stderr);
-    // A wrong key is told as what it is.
+    // A wrong key is reported as such.
     assert!(ended.stderr.contains("messages had a wrong signature"), "{}", ended.stderr);
     assert!(ended.stderr.contains("signing_key is the key that the vehicle signs with"), "{}", ended.stderr);
     assert!(!ended.stderr.contains("baud rate"), "{}", ended.stderr);
@@ -221,7 +221,7 @@ fn mavsdk_reads_the_attitude_through_the_bridge() -> Outcome {
     let read: Vec<[f64; 3]> = serde_json::from_str(line).unwrap();
     assert_eq!(read.len(), 50);
     for [roll, pitch, yaw] in read {
-        // A wave of 0.02 rad about zero, heading 0.5 rad.
+        // Roll and pitch on a circle of 0.02 rad, heading 0.5 rad.
         assert!(((roll * roll + pitch * pitch).sqrt() - 0.02).abs() < 1e-3 && (yaw - 0.5).abs() < 1e-3);
     }
     Ok(())
@@ -262,7 +262,7 @@ fn the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives(
     let dir = tempfile::tempdir().unwrap();
     let (port, report) = (free_port(), dir.path().join("autopilot.json"));
     let file = launch(dir.path(), port, "");
-    // Whoever flies this vehicle by its own radio rolls it right with channel 1 going down.
+    // On this vehicle's own radio, channel 1 goes down for a roll to the right.
     let wrong = ["--arm-after", "1e9", "--hand", "--turned", "pitch", "--reversed", "roll"];
     let vehicle = autopilot(&python, port, &report, &wrong);
     let check =
@@ -290,7 +290,7 @@ fn the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives(
     Ok(())
 }
 
-/// A pilot takes over by the vehicle's own radio for a part of a flight: see the test of the same over CRSF.
+/// A pilot takes over by the vehicle's own radio for part of a flight; see the CRSF test of the same name.
 fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() -> Outcome {
     let python = python()?;
     let dir = tempfile::tempdir().unwrap();
@@ -320,7 +320,7 @@ fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() ->
     bench.signal(libc::SIGINT);
     let end = bench.finish();
     assert_eq!(json(&report)["faults"], serde_json::json!([]), "{}", end.stderr);
-    // What happens after the vehicle has gone is no part of the flight.
+    // Events after the vehicle has gone are not part of the flight.
     let flown = end.stderr.split_once("the pilot is in charge").expect(&end.stderr).1;
     assert!(flown.contains("the controller is in charge"), "{}", end.stderr);
     what_the_controller_flew_alone_is_learned_from(out, "quadrotor", "quadrotor-structure");

@@ -1,5 +1,5 @@
-//! Who is believed on a link that anybody can reach, as whole processes: floods of nonsense, second senders, a client that
-//! holds a port and says nothing, outputs that are played again.
+//! Which senders are accepted on a link that is open to anyone, tested with whole processes: floods of malformed data,
+//! second senders, a silent client that holds a port, replayed outputs.
 
 mod support;
 
@@ -15,13 +15,13 @@ use support::flood::{Flood, garbage};
 use support::{FAULTS_ALLOWED, Finished, Running, json, run, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
-/// Longest pause between two overrides that a busy machine explains, s.
+/// Longest gap between two overrides that the load of the machine can explain, s.
 const GAP: f64 = 1.0;
 
-/// What somebody sends who was told how long he has: so many datagrams, at 10 kHz three seconds.
+/// Number of datagrams of a flood: three seconds at 10 kHz.
 const FLOOD: u64 = 30_000;
 
-/// A bench whose vehicle is behind MAVLink, and the vehicle.
+/// A bench whose vehicle is connected over MAVLink, and the vehicle.
 struct Place {
     python: PathBuf,
     dir: tempfile::TempDir,
@@ -69,13 +69,13 @@ fn end(bench: Running) -> Finished {
     bench.finish()
 }
 
-/// Flies through a flood that begins in flight; the vehicle hears its overrides all the time.
+/// Flies through a flood that begins in flight; the vehicle keeps receiving its overrides.
 fn fly_through(place: &Place, keys: &str, vehicle: &[&str], datagrams: Vec<Vec<u8>>) {
     let vehicle = place.vehicle("vehicle.json", vehicle);
     let mut bench = spawn(place.bench(keys));
     bench.wait_for_stderr("the controller is in charge");
     let flood = Flood::start(&[place.port], datagrams);
-    // Three seconds of it, by count: no time is waited for.
+    // Three seconds of the flood, measured by count instead of time.
     while flood.sent() < FLOOD {
         std::thread::yield_now();
     }
@@ -95,7 +95,7 @@ fn fly_through(place: &Place, keys: &str, vehicle: &[&str], datagrams: Vec<Vec<u
     assert_eq!(seen["faults"], serde_json::json!([]));
     let summary = json(place.dir.path().join("out/summary.json"));
     let rejected = summary["runs"][0]["timing"]["nodes"]["plant"]["rejected"].as_u64().unwrap();
-    // The system drops some of a flood by itself when the machine is busy.
+    // The operating system drops part of a flood when the machine is busy.
     assert!(rejected > FLOOD / 4, "{rejected}\n{}", ended.stderr);
 }
 
@@ -122,7 +122,7 @@ fn a_second_vehicle_is_refused_until_the_first_is_silent() -> Outcome {
     first.finish().success();
     bench.wait_for_stderr("FAILSAFE");
     bench.wait_for_stderr("had sent nothing valid for 3 s");
-    // It arms a second after it was spoken to; until then the second vehicle was given nothing.
+    // A vehicle arms one second after its first override; the second vehicle received no outputs before the takeover.
     bench.wait_for_stderr("the controller is in charge");
     end(bench);
     second.signal(libc::SIGTERM);
@@ -147,7 +147,7 @@ fn a_pinned_address_refuses_all_others() -> Outcome {
     assert!(ended.stderr.contains("is refused: only 127.0.0.2 is accepted here"), "{}", ended.stderr);
     let seen = json(place.dir.path().join("vehicle.json"));
     assert_eq!(seen["seen"], serde_json::json!({}), "it was never spoken to");
-    // And one that can never come is a mistake in the file.
+    // A `peer` that is not an address is an error in the file.
     for (key, words) in
         [("peer = \"here\"", "192.0.2.7:14550 is expected"), ("peer = 7", "expected a string")]
     {
@@ -159,10 +159,10 @@ fn a_pinned_address_refuses_all_others() -> Outcome {
     Ok(())
 }
 
-/// Flies through nonsense from the start on and, once the autopilot is the peer, outputs that look right and are not: all
-/// motors but one stand still.
+/// Flies through malformed data from the start and, once the autopilot is the peer, through forged outputs that look
+/// valid but stop all motors except one.
 fn hold_against(mut flying: Flying, ports: &[u16], forged: Vec<Vec<u8>>) {
-    // Said of the nonsense, as soon as there is a peer.
+    // Reported for the malformed data as soon as there is a peer.
     flying.wait_for("sends as well and is refused");
     let forged = Flood::start(ports, forged);
     let flight = flying.finish();
@@ -178,7 +178,7 @@ fn ardupilot_is_flown_through_garbage_and_forged_packets() -> Outcome {
     let arguments = [port.to_string(), "REPORT".into()];
     let link = format!("bridge.ardupilot.link=udpin://127.0.0.1:{port}");
     let rest = ["--mode", "lockstep"];
-    // What is refused is told by the verdict as well, where nobody allows for it.
+    // The verdict also reports refused messages, unless the limits allow them.
     let options = [link, FAULTS_ALLOWED.into()];
     let flying = take_off("ardupilot-json", "ardupilot.py", &arguments, &options, &rest)?;
     let forged = (0..50u32).map(|n| {
@@ -222,7 +222,7 @@ fn a_silent_client_loses_px4s_port_to_px4() -> Outcome {
     let flight = flying.finish().well();
     let said = |words: String| assert!(flight.stderr.contains(&words), "{words}:\n{}", flight.stderr);
     said(format!("{name} has sent nothing valid for 1 s, and 127.0.0.1:"));
-    // It was closed, after the sensors that it was sent meanwhile.
+    // The bench closed this connection after sending it sensor messages.
     silent.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
     let _ = silent.read_to_end(&mut Vec::new());
     Ok(())

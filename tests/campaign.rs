@@ -1,5 +1,5 @@
-//! Campaigns as whole processes: a flight in one thread is the flight over processes, parts join to the whole, what is
-//! interrupted goes on.
+//! Campaigns as whole processes: a flight in one thread equals the flight over processes, merged parts equal the whole,
+//! and an interrupted campaign resumes.
 
 mod support;
 
@@ -48,7 +48,7 @@ impl Place {
         self.dir.path().join(name)
     }
 
-    /// What a call of `campaign` answers.
+    /// Runs `campaign` and returns its answer.
     fn answer(&self, args: &[&str]) -> Value {
         let ended = run(self.call(args)).success();
         serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {}", ended.stdout))
@@ -82,7 +82,7 @@ fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
         violated["count"].as_u64().unwrap() > 0 && violated["low"].as_f64() < violated["share"].as_f64(),
         "{whole}"
     );
-    // The peak of roll follows the gust on it, and nothing else as much.
+    // The peak of roll depends more on the magnitude of its gust than on any other varied key.
     let figures = whole["findings"]["figures"].as_array().unwrap();
     let peak = figures.iter().find(|f| f["key"] == "roll.peak").unwrap();
     assert_eq!(peak["sensitivities"][0]["key"], "effects.0.magnitude");
@@ -100,7 +100,7 @@ fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
     let ended = run(merge(&[&parts[0], &parts[1]], "DIR/less"));
     assert!(ended.code() == 2 && ended.stderr.contains("parts 3/3 are missing"), "{}", ended.stderr);
 
-    // One of the worst flights again, as processes.
+    // One of the worst flights is replayed as processes.
     let mut worst = whole["findings"]["worst"].as_array().unwrap().iter();
     let worst = worst.find(|w| w["of_limit"].is_number()).unwrap();
     let number = worst["flight"].as_u64().unwrap().to_string();
@@ -117,7 +117,7 @@ fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
     let key = worst["key"].as_str().unwrap();
     let limit = run["expect"].as_array().unwrap().iter().find(|e| e["key"] == key).unwrap();
     let share = limit["found"].as_f64().unwrap() / limit["limit"].as_f64().unwrap();
-    // JSON has twelve digits; that the logs are the same to the last bit is shown in `determinism.rs`.
+    // JSON has twelve digits; `determinism.rs` shows that the logs are identical to the last bit.
     assert!((share / worst["of_limit"].as_f64().unwrap() - 1.0).abs() < 1e-11, "{limit} {worst}");
 }
 
@@ -151,7 +151,7 @@ fn what_identify_found_varies_with_its_covariance() {
     let key = moved["sensitivities"][0]["key"].as_str().unwrap();
     assert!(key.starts_with("A[") || key.starts_with("B["), "{moved}");
 
-    // A part is the same campaign when the answer lies elsewhere by the time that it is joined.
+    // The parts still belong to the same campaign after the identification answer was removed before the merge.
     for part in ["1/2", "2/2"] {
         place.answer(&["FILE", "--out", "DIR/parts", "--shard", part]);
     }
@@ -180,7 +180,7 @@ fn a_rare_failure_is_found_where_failures_are_frequent() {
     let [pilot, rare] = [pilot, rare].map(|answer| answer["findings"]["violated"].clone());
     let end = |p: &Value, key: &str| p[key].as_f64().unwrap();
     assert!(end(&rare, "share") < 0.02 && end(&rare, "low") > 0.0, "{rare}");
-    // Two unbiased answers to one question, the second narrower.
+    // Two unbiased estimates of one probability, the second narrower.
     assert!(
         end(&rare, "low") < end(&pilot, "high") && end(&pilot, "low") < end(&rare, "high"),
         "{pilot} {rare}"
@@ -198,7 +198,7 @@ fn a_killed_campaign_goes_on_where_it_was_to_the_same_bytes() {
     let place = Place::new(&long);
     place.answer(&["FILE", "--out", "DIR/whole"]);
     let mut killed = spawn(whirlstand(place.call(&["FILE", "--out", "DIR/cut", "--jobs", "1", "--resume"])));
-    // Killed as soon as something is kept.
+    // Killed as soon as some flights are stored.
     let journal = place.path("cut/flights.jsonl");
     let kept = || std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count());
     while kept() < 4 && killed.is_alive() {
@@ -207,7 +207,7 @@ fn a_killed_campaign_goes_on_where_it_was_to_the_same_bytes() {
     killed.signal(libc::SIGKILL);
     killed.finish();
     assert!(kept() >= 4 && !place.path("cut/flights.parquet").exists());
-    // Another file does not go on with these flights.
+    // Another campaign file cannot resume with these flights.
     let other = place.path("other.toml");
     std::fs::write(&other, GUSTS.replace("seed = 3", "seed = 4")).unwrap();
     let file = other.display().to_string();
@@ -240,7 +240,7 @@ fn ctrl_c_keeps_what_is_done_and_enough_is_enough() {
     assert_eq!((&answer["partial"], &answer["planned"]), (&true.into(), &60_000.into()));
     assert!(journal.exists() && answer["flown"].as_u64().unwrap() >= 2, "{answer}");
 
-    // After 64 flights the interval is narrower than that, whatever happened in them.
+    // After 64 flights the interval is narrower than 0.25, whatever their results.
     let enough = place.answer(&["FILE", "--out", "DIR/enough", "--until-width", "0.25"]);
     assert_eq!((&enough["ended_early"], &enough["flown"]), (&true.into(), &64.into()), "{enough}");
 }

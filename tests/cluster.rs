@@ -1,5 +1,5 @@
-//! Campaigns on a cluster: a real Slurm on this machine, in which three nodes are emulated, flies the parts of one, and so do two
-//! workers of HyperQueue.
+//! Campaigns on a cluster: the parts of a campaign are flown by a real Slurm on this machine with three emulated nodes,
+//! and by two workers of HyperQueue.
 
 mod support;
 
@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use support::{Finished, Running, run, spawn};
 use whirlstand_test_harness::{Missing, Outcome, Test};
 
-/// How long Slurm may take to start, and an array of tasks to be flown, on a loaded machine.
+/// Longest time for Slurm to start, and for an array of tasks to be flown, on a loaded machine.
 const LONGEST: Duration = Duration::from_secs(240);
 
 const CAMPAIGN: &str = r#"
@@ -43,7 +43,7 @@ fn main() -> ExitCode {
     ])
 }
 
-/// The daemons of a cluster, which end with it.
+/// The daemons of a cluster, which are ended together with it.
 struct Slurm {
     folder: PathBuf,
     _daemons: Vec<Running>,
@@ -108,7 +108,7 @@ impl Slurm {
         output.map(|o| String::from_utf8_lossy(&o.stdout).into_owned()).unwrap_or_default()
     }
 
-    /// Looks again and again; what the daemons wrote is told when it does not come.
+    /// Polls until the condition holds; on a timeout the log of the daemons is reported.
     fn until(&self, what: &str, is: impl Fn() -> bool) {
         let start = Instant::now();
         while !is() {
@@ -120,7 +120,7 @@ impl Slurm {
         }
     }
 
-    /// Slurm lets a task that is run again wait for two minutes; here it begins at once.
+    /// Slurm delays a requeued task by two minutes; this starts it at once.
     fn hurry(&self) {
         for job in self.said("squeue", &["-h", "-r", "-t", "PD", "-o", "%i"]).split_whitespace() {
             self.said("scontrol", &["update", &format!("JobId={job}"), "StartTime=now"]);
@@ -154,7 +154,7 @@ fn configuration(folder: &Path, host: &str, ports: &[u16]) -> String {
     )
 }
 
-/// Daemons of Slurm change their user and need to be root for it.
+/// Slurm's daemons change their user and must run as root for that.
 fn is_root() -> bool {
     std::fs::metadata("/proc/self").is_ok_and(|own| std::os::unix::fs::MetadataExt::uid(&own) == 0)
 }
@@ -167,7 +167,7 @@ fn pid_of(part: &str, out: &Path) -> Option<i32> {
         let words = std::fs::read(process.path().join("cmdline")).unwrap_or_default();
         let words: Vec<&[u8]> = words.split(|byte| *byte == 0).collect();
         let is = |word: &str| words.contains(&word.as_bytes());
-        // The shell of the task has all of it in one word.
+        // The task's shell has the whole command in one argument.
         is("campaign") && is(part) && is(&out.display().to_string())
     };
     let mut processes = std::fs::read_dir("/proc").ok()?.filter_map(Result::ok).filter(|_| kept > 2);
@@ -176,7 +176,7 @@ fn pid_of(part: &str, out: &Path) -> Option<i32> {
 
 fn a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_whole() -> Outcome {
     let dir = tempfile::tempdir().unwrap();
-    // Slurm's daemons look whether others may write where their folders are.
+    // Slurm's daemons check whether other users may write to the location of their folders.
     let at = |name: &str| dir.path().join(name);
     std::fs::write(at("gusts.toml"), CAMPAIGN).unwrap();
     let file = at("gusts.toml").display().to_string();
@@ -260,7 +260,7 @@ fn kill(pid: i32) {
     unsafe { libc::kill(pid, libc::SIGKILL) };
 }
 
-/// What the controller and the tasks wrote.
+/// Output of Slurm's controller and of the tasks.
 fn told(slurm: &Slurm) -> String {
     ["slurmctld.log", "task-1.txt", "task-2.txt", "task-3.txt"]
         .map(|name| std::fs::read_to_string(slurm.folder.join(name)).unwrap_or_default())

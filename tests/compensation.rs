@@ -1,4 +1,5 @@
-//! What a launch file's `compensate` is worth in a whole flight, and what it tells of what it leaves alone.
+//! The benefit of a launch file's `compensate` in a whole flight, and the warnings about effects that it leaves
+//! uncompensated.
 
 mod support;
 
@@ -7,7 +8,7 @@ use std::path::Path;
 
 use support::{json, run};
 
-/// Flies the quadrotor with an effect through a slow sine of the roll: the error of the roll, and what was told.
+/// Flies the quadrotor with an effect through a slow sine of roll; returns the RMS error of roll and the output.
 fn fly(folder: &Path, name: &str, effect: &str, compensate: &str) -> (f64, String) {
     let plain = run(["vehicle", "show", "quadrotor"]).success().stdout;
     std::fs::write(folder.join("vehicle.toml"), format!("{plain}\n[[effects]]\n{effect}\n")).unwrap();

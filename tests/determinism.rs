@@ -1,4 +1,4 @@
-//! The same seed gives the same log, bit for bit, whatever carries the messages and whoever keeps the time.
+//! The same seed gives the same log, bit for bit, over every transport, in lockstep and in real time.
 
 mod support;
 
@@ -13,7 +13,7 @@ use whirlstand_test_harness::undisturbed;
 /// Short enough for every transport, long enough for the reference step and the disturbance.
 const DURATION_S: &str = "3";
 
-/// A rate at which a shared machine may keep every deadline.
+/// A rate at which a shared machine can meet every deadline.
 const SLOW: [&str; 2] = ["--set", "rate_hz=50"];
 
 fn fly(out: &Path, launch: &str, mode: &str, transport: &str, seed: &str) -> PathBuf {
@@ -66,7 +66,7 @@ fn lockstep_logs_are_the_same_over_every_transport_and_twice_in_a_row() {
     });
 }
 
-/// Two threads for every processor that keep it busy for as long as this lives.
+/// Two threads per processor that keep it busy until this is dropped.
 struct Busy {
     over: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -96,7 +96,7 @@ impl Drop for Busy {
     }
 }
 
-/// Lockstep knows no wall clock, so that a machine without any time for it changes nothing.
+/// Lockstep uses no wall clock, so an overloaded machine does not change the result.
 #[test]
 fn busy_processors_change_no_bit_of_a_lockstep_flight() {
     let dir = tempfile::tempdir().unwrap();
@@ -120,7 +120,7 @@ fn another_seed_differs_and_the_first_differing_sample_is_named() {
     });
 }
 
-/// A shared machine may delay any single run; a run without a miss must come within a few.
+/// A shared machine may delay any single run, but one of a few runs must have no deadline miss.
 #[test]
 fn realtime_without_a_miss_gives_the_log_of_lockstep() {
     undisturbed(|| {

@@ -1,5 +1,5 @@
-//! The whole circle with processes: a flight with a hidden fault is flown, logged and diagnosed; the vehicle with the
-//! named cause flies again, and its record is what the first one was.
+//! The complete workflow with processes: a flight with a hidden fault is flown, logged and diagnosed; the vehicle
+//! extended by the named cause flies again, and its record matches the first one.
 
 mod support;
 
@@ -7,7 +7,7 @@ use std::path::Path;
 
 use support::{json, run, spawn, whirlstand};
 
-/// The built-in quadrotor as a file, with more text behind it.
+/// Writes the built-in quadrotor as a file, followed by `more`; returns its path.
 fn quadrotor(dir: &Path, name: &str, more: &str) -> String {
     let shown = run(["vehicle", "show", "quadrotor"]).success().stdout;
     let path = dir.join(name);
@@ -15,7 +15,7 @@ fn quadrotor(dir: &Path, name: &str, more: &str) -> String {
     path.display().to_string()
 }
 
-/// Flies a vehicle through the designed test as a bench of processes, in lockstep, with sensor noise; the log.
+/// Flies a vehicle through the designed test as a bench of processes, in lockstep, with sensor noise; returns the log.
 fn flown(dir: &Path, vehicle: &str, name: &str) -> String {
     let (design, log) = (dir.join(format!("{name}-design")), dir.join(format!("{name}-log")));
     let (design, log) = (design.display().to_string(), log.display().to_string());
@@ -64,7 +64,7 @@ fn a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same() {
         "it must open without a network"
     );
 
-    // The extended vehicle runs unchanged, and cannot be told from what was measured.
+    // The extended vehicle runs unchanged, and the diagnosis finds it consistent with the measured one.
     let extended = format!("{out}/vehicle.toml");
     let again = flown(dir, &extended, "simulated");
     let (answer, text, _) = diagnosed(dir, &again, &truth, "second");
@@ -112,14 +112,14 @@ fn a_budget_of_time_ends_a_diagnosis_with_what_is_known() {
     assert!(answer["outputs"]["roll"]["rmse_before"].is_number(), "{answer}");
     let report = std::fs::read_to_string(format!("{out}/report.html")).unwrap();
     assert!(report.contains("Partial, as the search was ended early"));
-    // With time enough, it is whole.
+    // With enough time, it is complete.
     let whole = run(call.into_iter().chain(["--budget", "10 min"])).success();
     assert!(whole.stdout.starts_with("Explained"), "{}", whole.stdout);
     let wrong = run(call.into_iter().chain(["--budget", "5 m"]));
     assert_eq!(wrong.code(), 2, "{}", wrong.stderr);
 }
 
-/// A table with the values of these columns multiplied, whatever its head says of their unit.
+/// A table in which the values of these columns are multiplied by `factor`; the units in its header are unchanged.
 fn scaled(table: &str, columns: &[&str], factor: f64) -> String {
     let head = table.lines().next().unwrap();
     let name = |column: &str| column.split('[').next().unwrap().to_string();
@@ -135,7 +135,7 @@ fn scaled(table: &str, columns: &[&str], factor: f64) -> String {
     table.lines().map(row).collect::<Vec<_>>().join("\n")
 }
 
-/// A flight of the quadrotor as a table with a head.
+/// A flight of the quadrotor as a table with a header.
 fn table(dir: &Path) -> String {
     let log = flown(dir, "quadrotor", "measured");
     let csv = dir.join("measured.csv");
@@ -147,7 +147,7 @@ fn table(dir: &Path) -> String {
 fn degrees_read_as_radians_are_told_by_diagnose_and_compare() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    // The head says radians of what is in degrees.
+    // The header declares radians for values in degrees.
     let degrees = scaled(&table(dir), &["roll", "roll_rate", "pitch", "pitch_rate"], 1f64.to_degrees());
     assert!(degrees.starts_with("t[s],roll[rad],roll_rate[rad/s],pitch[rad],pitch_rate[rad/s]"));
     let csv = dir.join("flight.csv");
@@ -165,7 +165,7 @@ fn degrees_read_as_radians_are_told_by_diagnose_and_compare() {
     }
 }
 
-/// Each ratio and its inverse, on an output and on an input, is told as what it is, and by `compare` as well.
+/// `diagnose` and `compare` report each ratio and its inverse as such, on an output and on an input.
 #[test]
 fn each_ratio_of_two_units_is_told_of_an_output_and_of_an_input() {
     let dir = tempfile::tempdir().unwrap();
@@ -187,7 +187,8 @@ fn each_ratio_of_two_units_is_told_of_an_output_and_of_an_input() {
     }
 }
 
-/// An input that is 25 times what the column says: no ratio of units, and more than a gain is looked for. Told before the search.
+/// The input is 25 times what the column says: not a ratio of units, and beyond the gains that are searched for. This
+/// is reported before the search.
 #[test]
 fn a_cause_beyond_what_is_looked_for_is_told_and_does_not_explain() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! A simulated vehicle that leaves its model ends its run, and the run has failed.
+//! When a simulated vehicle leaves its model, the run ends and counts as failed.
 
 mod support;
 
@@ -7,11 +7,11 @@ use std::path::Path;
 use serde_json::Value;
 use support::{json, run};
 
-/// A spring that turns round: the roll grows until the model has no result.
+/// A spring with a negative cubic stiffness: roll grows until the model has no finite result.
 const SPRING: &str =
     "\n[[effects]]\neffect = \"cubic_stiffness\"\nwhere = \"roll->roll_rate\"\ncoefficient = -1e6\n";
 
-/// Flies a bench that diverges, and gives what it said.
+/// Flies a bench that diverges; returns its output and log info.
 fn diverges(dir: &Path, name: &str, text: &str, mode: &str, transport: &str) -> (String, Value) {
     let (launch, out) = (dir.join(format!("{name}.toml")), dir.join(name));
     std::fs::write(&launch, text).unwrap();
@@ -25,7 +25,7 @@ fn diverges(dir: &Path, name: &str, text: &str, mode: &str, transport: &str) -> 
     (format!("{}\n{}", end.stdout, end.stderr), serde_json::from_str(&info.stdout).unwrap())
 }
 
-/// Messages of a topic.
+/// Message count of a topic.
 fn messages(info: &Value, topic: &str) -> u64 {
     let topics = info["topics"].as_array().unwrap();
     topics.iter().find(|t| t["name"].as_str().unwrap().ends_with(topic)).unwrap()["messages"]

@@ -1,8 +1,8 @@
-//! The commands of README.md and docs/ run as they stand there and print what stands below them; links lead somewhere.
+//! The commands in README.md and docs/ run as written and print the output shown below them; all links are valid.
 //!
-//! A block of commands is run in the folder of the blocks before it in the same file. Where a block of output follows,
-//! each of its lines must have been printed, any number in the place of a number; `...` stands for lines left out. A block
-//! after `<!-- not run: REASON -->` is left out, for the reason that stands there.
+//! A block of commands is run in the folder of the blocks before it in the same file. If a block of output follows,
+//! each of its lines must have been printed, with any number in place of a number; `...` stands for omitted lines. A
+//! block after `<!-- not run: REASON -->` is skipped, for the reason stated there.
 
 mod support;
 
@@ -38,7 +38,7 @@ fn blocks(text: &str) -> Vec<Block> {
     blocks
 }
 
-/// A line with a mark in the place of every number and of every run of spaces.
+/// A line in which a mark replaces every number and every run of spaces.
 fn shape(line: &str) -> String {
     let mut shape = String::new();
     let mut chars = line.trim().chars().peekable();
@@ -102,8 +102,8 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// Every link to a file leads to one, and out of docs/ none, as the book has nothing else; every link to a heading leads to a
-/// heading; the book has every file once.
+/// Every link to a file has a target, and no link leaves docs/, because the book contains nothing else; every link to a
+/// heading has that heading; the book lists every file once.
 fn links_lead_somewhere() {
     let summary = std::fs::read_to_string(here().join("docs/SUMMARY.md")).unwrap();
     for file in files() {
@@ -134,7 +134,7 @@ fn links_lead_somewhere() {
     }
 }
 
-/// The headings of a page. A comment in a block of commands is none.
+/// The headings of a page. A comment in a block of commands is not a heading.
 fn headings(text: &str) -> Vec<&str> {
     let mut in_block = false;
     let mut is_heading = |line: &&str| {
@@ -144,7 +144,7 @@ fn headings(text: &str) -> Vec<&str> {
     text.lines().filter(|line| is_heading(line)).collect()
 }
 
-/// The address of a heading.
+/// The anchor of a heading.
 fn anchor(heading: &str) -> String {
     let text = heading.trim_start_matches('#').trim().to_lowercase();
     text.chars()

@@ -1,5 +1,5 @@
-//! Where the world is smaller than a run: full disks, low limits, programs that talk without end, names that lead elsewhere,
-//! and signals while something computes.
+//! Limits of the environment: full disks, low resource limits, programs with endless output, names that point outside
+//! their folder, and signals during a computation.
 
 mod support;
 
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use support::{Finished, HUNG, run, spawn, whirlstand};
 
-/// A short flight that needs neither time nor shared memory.
+/// A short flight that needs neither real time nor shared memory.
 const INPROC: [&str; 7] =
     ["run", "quadrotor-lqr", "--transport", "inproc", "--mode", "lockstep", "--duration"];
 
@@ -75,7 +75,7 @@ fn low_limits_are_an_error_and_no_abort() {
 fn a_program_that_writes_without_end_is_bounded_and_counted() {
     let dir = tempfile::tempdir().unwrap();
     let (file, script) = (dir.path().join("loud.toml"), dir.path().join("loud.sh"));
-    // One stream without an end of a line, one of lines that clear the screen.
+    // One stream without any line end, and one of lines that clear the screen.
     std::fs::write(&script, "yes | tr -d '\\n' >&2 &\nexec yes \"$(printf '\\033[2Jhello')\"\n").unwrap();
     let bench = "vehicle = 'quadrotor'\nmode = 'lockstep'\nduration_s = 200\ncontroller.law = 'lqr'\n";
     let loud = format!("[nodes.loud]\nexec = ['sh', '{}']\nready = 'start'\n", text(&script));
@@ -127,7 +127,7 @@ fn a_second_signal_ends_what_still_computes() {
     running.signal(libc::SIGTERM);
     running.wait_for_stderr("stopping the bench cleanly");
     let asked = Instant::now();
-    // The report on what was flown takes a while; nobody has to wait for it.
+    // The report on the flight takes a while; a second signal ends the run without waiting for it.
     std::thread::sleep(Duration::from_millis(300));
     running.signal(libc::SIGTERM);
     let end = running.finish();
@@ -184,7 +184,7 @@ fn simulate_refuses_what_no_memory_holds_and_what_no_quantity_is() {
         assert!(words.iter().all(|word| end.stderr.contains(word)), "{text}\n{}", end.stderr);
         assert!(began.elapsed() < Duration::from_secs(1), "{text}: {:?}", began.elapsed());
     }
-    // Nobody asks for these two: they stop nobody.
+    // `simulate` ignores errors in columns that it does not use.
     std::fs::write(&input, "t,u_roll,u_pitch,roll[m],pitch\n0,0,0,1,\n1,0,0,1,\n").unwrap();
     run(["simulate", "quadrotor", "--input", text(&input), "--output", text(&output)]).success();
     let end = run(["compare", text(&input), "--vehicle", "quadrotor"]);

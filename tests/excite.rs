@@ -20,7 +20,7 @@ free = [
 ]
 "#;
 
-/// What `excite` expects and what `identify` answers to the log of the flight.
+/// The expectations of `excite`, and the answer of `identify` for the log of the flight.
 fn flown(vehicle: &str, structure: &str, more: &[&str]) -> (serde_json::Value, serde_json::Value) {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().to_str().unwrap();
@@ -33,7 +33,7 @@ fn flown(vehicle: &str, structure: &str, more: &[&str]) -> (serde_json::Value, s
     (json(&expected), json(&answer))
 }
 
-/// True values are those of the file that designed the flight.
+/// The true values are those of the file for which the flight was designed.
 fn agrees(expected: &serde_json::Value, answer: &serde_json::Value) {
     assert_eq!(answer["closed_loop"], true);
     assert_eq!(answer["noise"], "kalman", "the default of closed loops");
@@ -51,7 +51,7 @@ fn agrees(expected: &serde_json::Value, answer: &serde_json::Value) {
             p["name"], p["value"], e["value"]
         );
         outside += usize::from(off.abs() > 3.0);
-        // The bound holds for the declared noise; vibration comes on top, and adds less than as much again.
+        // The bound holds for the declared noise; vibration adds to it, by less than the same amount again.
         assert!(error > 0.8 * bound && error < 2.5 * bound, "{} {error} {bound}", p["name"]);
     }
     assert!(outside <= 1, "{outside} outside three standard errors");
@@ -94,7 +94,7 @@ fn an_unstable_vehicle_is_identified_in_its_loop() {
     agrees(&expected, &answer);
 }
 
-/// A position that follows a speed wanders off under random steps, and is not unstable for it.
+/// A position that integrates a speed drifts under random steps, but that does not make the vehicle unstable.
 #[test]
 fn a_vehicle_that_integrates_is_excited_and_comes_back() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! What a run has for itself: its folder and its bench's name, whatever else runs, and however the one before ended.
+//! The resources that a run holds exclusively: its folder and its bench name, whatever else runs and however the
+//! previous run ended.
 
 mod support;
 
@@ -11,7 +12,7 @@ use whirlstand_test_harness::undisturbed;
 
 const NODES: [&str; 4] = ["recorder", "estimator", "controller", "plant"];
 
-/// A run, in lockstep unless told otherwise, that lasts this long in bench time.
+/// The command of a run that lasts `duration` in bench time.
 fn start(bench: Option<&str>, out: Option<&Path>, duration: &str, more: &[&str]) -> std::process::Command {
     let mut command = whirlstand(["run", "quadrotor", "--duration", duration, "--set", FAULTS_ALLOWED]);
     command.args(["--log-level", "debug"]).args(more);
@@ -24,7 +25,7 @@ fn start(bench: Option<&str>, out: Option<&Path>, duration: &str, more: &[&str])
     command
 }
 
-/// Ends a run by Ctrl-C; its own summary holds nothing of another.
+/// Ends a run by Ctrl-C; its summary must report no problem caused by another run.
 #[track_caller]
 fn interrupted(running: Running, out: &Path) {
     running.signal(libc::SIGINT);
@@ -34,7 +35,7 @@ fn interrupted(running: Running, out: &Path) {
     assert!(summary["runs"][0]["problems"].as_array().unwrap().is_empty(), "{summary}");
 }
 
-/// The run was refused as something that the user can mend, and the sentence names the other one.
+/// Asserts that the run was refused with an error that the user can correct, and that the message names the other run.
 #[track_caller]
 fn refused(end: &Finished, holder: &Running, words: &[&str]) {
     assert_eq!(end.code(), 2, "{}\n{}", end.stdout, end.stderr);
@@ -57,7 +58,7 @@ fn a_folder_that_a_run_writes_into_is_refused_to_another_and_free_afterwards() {
         let second = spawn(start(None, Some(&out), "1", &[])).finish();
         refused(&second, &first, &[out.to_str().unwrap(), "--out"]);
         assert_eq!(log.metadata().unwrap().ino(), inode, "the log of the first run is untouched");
-        // Another name of the same folder, and one of its folders, are no way round.
+        // Another path of the same folder does not bypass the lock.
         let round = out.join("../out");
         refused(&spawn(start(None, Some(&round), "1", &[])).finish(), &first, &["--out"]);
 

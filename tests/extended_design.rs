@@ -1,4 +1,4 @@
-//! What the vehicle file knows of the vehicle reaches the law, the filter and the flight.
+//! The effects that the vehicle file declares are used in the law, the estimator and the flight.
 
 mod support;
 
@@ -37,7 +37,7 @@ fn a_delay_in_the_file_changes_gains_margins_and_poles() {
         assert_eq!(before["with_estimator"]["loop_margins"].as_array().unwrap().len(), 2, "{law}");
         assert_ne!(before["loop_margins"], after["loop_margins"], "{law}");
         let poles = |design: &Value| design["closed_loop_poles"].as_array().unwrap().len();
-        // 24 periods of delay are 24 past commands.
+        // A delay of 24 periods adds 24 past commands as states.
         assert_eq!(poles(&after), poles(&before) + 24, "{law}");
         assert_eq!(after["plant"]["memory_names"].as_array().unwrap().len(), 24, "{law}");
         assert!(after["with_estimator"]["spectral_radius"].as_f64().unwrap() < 1.0, "{law}");
@@ -51,7 +51,8 @@ fn a_delay_in_the_file_changes_gains_margins_and_poles() {
     assert!(told.contains("not used: dead_zone of u_roll: it is not linear"), "{told}");
 }
 
-/// Flies the late vehicle through a gust with law and filter for `model`: the figures of the run.
+/// Flies the delayed vehicle through a gust with law and estimator designed for `model`; returns the figures of the
+/// run.
 fn fly(folder: &Path, law: &str, model: &str) -> Value {
     let launch = folder.join(format!("{law}-{model}.toml"));
     std::fs::write(
@@ -68,7 +69,7 @@ fn fly(folder: &Path, law: &str, model: &str) -> Value {
     json(out.join("summary.json"))["runs"][0].clone()
 }
 
-/// Mean squares of roll and of the input that turns it, each over its size, as the regulator weighs them.
+/// Sum of the mean squares of roll and of its input, each divided by its scale, as the regulator weights them.
 fn cost(run: &Value, roll_scale: f64) -> f64 {
     let roll = run["outputs"]["roll"]["rms_error"].as_f64().unwrap() / roll_scale;
     let input = run["inputs"]["u_roll"]["rms"].as_f64().unwrap() / 20.0;
@@ -84,7 +85,7 @@ fn a_law_designed_for_the_delay_flies_through_the_gust_at_less_cost() {
         let (blind, knowing) = (fly(folder.path(), law, "plain"), fly(folder.path(), law, "late"));
         let (before, after) = (cost(&blind, scale), cost(&knowing, scale));
         println!("{law}: cost {before:.3} -> {after:.3}");
-        // Sliding mode is designed for no cost; it must not pay more for what it knows.
+        // Sliding mode is not designed for this cost; knowledge of the delay must not make it more expensive.
         assert!(after < before || law == "smc" && after < 1.05 * before, "{law}: {before} {after}");
     }
 }

@@ -1,5 +1,5 @@
-//! Faults at random times, again and again: nodes that are killed, stand still or get no memory, a full disk, forgers, floods,
-//! busy processors. The bench survives and says so.
+//! Repeated faults at random times: nodes that are killed, stopped or denied memory, a full disk, forged messages,
+//! floods, busy processors. The bench survives and reports them.
 
 mod support;
 
@@ -30,7 +30,7 @@ fn soak(fault: &str, more: &[&str]) -> (Finished, Value) {
     (end, result)
 }
 
-/// So many faults were injected, and after each the loop flew again.
+/// Asserts that `faults` faults were injected and that the loop flew again after each.
 #[track_caller]
 fn assert_all_survived(result: &Value, faults: u64) {
     assert_eq!(result["ok"], true, "{result}");
@@ -38,14 +38,14 @@ fn assert_all_survived(result: &Value, faults: u64) {
     assert!(result["recovery_s_max"].as_f64() >= result["recovery_s_median"].as_f64(), "{result}");
 }
 
-/// What was sent, in the smallest of the faults.
+/// Smallest count of messages sent in a fault.
 fn dealt(result: &Value) -> u64 {
     let faults = result["faults"].as_array().unwrap();
     faults.iter().map(|fault| fault["dealt"].as_u64().unwrap()).min().unwrap()
 }
 
-/// Every fault of every node was followed by a recovery. A node that gives commands and was away for longer than the
-/// plant's patience was missed, and the plant held its last command no longer than stated.
+/// Asserts that every fault of every node was followed by a recovery. A node in the command path that was absent for
+/// longer than the plant's patience caused a failsafe, and the plant held its last command no longer than stated.
 #[track_caller]
 fn assert_survived(result: &Value) {
     assert_eq!(result["ok"], true, "{result}");
@@ -57,7 +57,7 @@ fn assert_survived(result: &Value) {
     let patience_s = if result["mode"] == "lockstep" { 0.4 } else { 0.1 };
     let allowed = result["misses_to_failsafe"].as_u64().expect("a limit");
     for fault in result["faults"].as_array().expect("faults") {
-        // A node that was only stopped is away for the whole stop.
+        // A node that was only stopped is absent for the whole stop.
         let away_s = fault["restart_s"].as_f64().unwrap_or(2.0);
         let commands = ["estimator", "controller"].iter().any(|n| fault["node"] == *n);
         match fault["held_before_failsafe"].as_u64() {
@@ -103,19 +103,20 @@ fn every_node_can_be_without_memory() {
     });
 }
 
-/// Below what a process has already, so that it gets nothing more, not even what it gave back.
+/// Below what a process already uses, so that it gets no more memory, not even what it has released.
 static NO_MORE: libc::rlimit = libc::rlimit { rlim_cur: 20 << 20, rlim_max: libc::RLIM_INFINITY };
-/// As much as it asks for.
+/// No limit.
 static AGAIN: libc::rlimit = libc::rlimit { rlim_cur: libc::RLIM_INFINITY, rlim_max: libc::RLIM_INFINITY };
 
 /// Limits the memory of a process.
 fn no_more_than(pid: i32, to: &'static libc::rlimit) {
-    // SAFETY: prlimit(2) reads a structure that lives, and is told to write none.
+    // SAFETY: prlimit(2) reads a live structure; the null pointer makes it write none.
     let done = unsafe { libc::prlimit(pid, libc::RLIMIT_AS, to, std::ptr::null_mut()) };
     assert_eq!(done, 0, "prlimit of {pid}");
 }
 
-/// Nodes of the loop ask for no memory in flight. The recorder does: it ends and is started again, and what the log lacks is told.
+/// The nodes of the loop allocate no memory in flight. The recorder does: it ends and is restarted, and the log reports
+/// what it lacks.
 #[test]
 fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it_lacks() {
     let dir = tempfile::tempdir().unwrap();
@@ -128,10 +129,10 @@ fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it
     [estimator, controller].into_iter().for_each(|pid| no_more_than(pid, &NO_MORE));
     let line = bench.wait_for_stderr("steps/s");
     assert!(line.contains("lost 0  restarts 0"), "{line}");
-    // A new recorder asks those for memory who are to speak to it.
+    // A new recorder makes the nodes that publish to it allocate memory.
     [estimator, controller].into_iter().for_each(|pid| no_more_than(pid, &AGAIN));
     no_more_than(recorder, &NO_MORE);
-    // It says that the system has no memory left, unless it is the compressor that gets none, whose crate panics.
+    // The recorder reports that the system has no memory left, unless the compressor gets none, whose crate panics.
     let ended = bench.wait_for_stderr("recorder ended with exit code ");
     assert!(ended.contains("restarting it"), "{ended}");
     let line = bench.wait_for_stderr("steps/s");
@@ -146,15 +147,16 @@ fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it
     let topic = |name: &str| topics.iter().find(|t| t["name"] == name).unwrap_or_else(|| panic!("{log}"));
     for name in ["/imu", "/estimate", "/command"] {
         let of = |key: &str| topic(name)[key].as_u64().unwrap();
-        // What the recorder had not written when it ended is one gap, and every message is there or counted.
+        // The messages that the recorder had not written when it ended are one gap; every message is present or
+        // counted.
         let steps =
             ((topic(name)["to"].as_f64().unwrap() - topic(name)["from"].as_f64().unwrap()) / 0.005).round();
         assert_eq!((of("messages") + of("lost"), of("gaps")), (steps as u64 + 1, 1), "{name}: {log}");
     }
 }
 
-/// A node at its limit of memory cannot be heard by a recorder that is started again: the log ends early for its
-/// topic, and the run says so.
+/// A restarted recorder cannot receive from a node at its memory limit: the log ends early for its topic, and the run
+/// reports this.
 #[test]
 fn a_node_that_a_new_recorder_does_not_hear_is_told() {
     let dir = tempfile::tempdir().unwrap();
@@ -168,7 +170,7 @@ fn a_node_that_a_new_recorder_does_not_hear_is_told() {
     // SAFETY: kill(2) reads nothing; the process is a child of the bench, which has not reaped it.
     assert_eq!(unsafe { libc::kill(recorder, libc::SIGKILL) }, 0);
     bench.wait_for_stderr("restarting it");
-    // The loop goes on for more than the second that a killed recorder may leave unwritten.
+    // The loop continues for longer than the second of data that a killed recorder may leave unwritten.
     for _ in 0..2 {
         let line = bench.wait_for_stderr("steps/s");
         assert!(line.contains("restarts 1"), "{line}");
@@ -191,7 +193,7 @@ fn a_full_disk_costs_only_what_the_log_tells_of() {
     });
 }
 
-/// Where no file system can be made, as without the right to mount: the recorder may write no byte more.
+/// Where no file system can be mounted, for lack of permission, the recorder is kept from writing any byte more.
 #[test]
 fn without_a_disk_of_its_own_the_recorder_is_not_allowed_to_write() {
     undisturbed(|| {
@@ -209,7 +211,7 @@ fn without_a_disk_of_its_own_the_recorder_is_not_allowed_to_write() {
     });
 }
 
-/// Refuses unshare(2) to a command and its children (seccomp(2)), as a system does that gives its users no namespaces.
+/// Refuses unshare(2) to a command and its children (seccomp(2)), like a system that grants its users no namespaces.
 fn without_namespaces(command: &mut std::process::Command) {
     let step = |code: u32, jump: (u8, u8), k: u32| libc::sock_filter {
         code: code as u16,
@@ -249,7 +251,8 @@ fn nobody_without_a_key_is_believed() {
     });
 }
 
-/// What the fault is measured by where it succeeds: the same forgers are believed on an open bench, and the soak says so.
+/// The positive control of this fault: on an open bench the same forged messages are accepted, and the soak reports
+/// this.
 #[test]
 fn on_an_open_bench_the_forgers_are_found_out() {
     undisturbed(|| {
@@ -265,7 +268,8 @@ fn on_an_open_bench_the_forgers_are_found_out() {
 #[test]
 fn a_flood_of_disturbances_costs_no_message() {
     undisturbed(|| {
-        // In real time a network that cannot keep up for a millisecond drops, which a busy test machine would show.
+        // In real time a network that falls behind for a millisecond drops messages, as it would on a busy test
+        // machine.
         for (transport, mode) in [("iceoryx2", "realtime"), ("zenoh", "lockstep")] {
             let bench = ["--transport", transport, "--mode", mode];
             let more = [&["--seed", "18", "--lasting", "1", "--rounds", "2"], &bench[..]].concat();
@@ -276,8 +280,8 @@ fn a_flood_of_disturbances_costs_no_message() {
     });
 }
 
-/// In real time a network that does not keep up drops messages, and a busy machine does not: the loop flies on, and what the log
-/// lacks is told.
+/// In real time a network that falls behind, as on a busy machine, drops messages: the loop keeps flying, and what the
+/// log lacks is reported.
 #[test]
 fn a_flood_in_real_time_over_zenoh_is_survived_and_its_losses_are_told() {
     undisturbed(|| {
@@ -302,7 +306,7 @@ fn busy_processors_cost_time_and_no_message() {
     });
 }
 
-/// A fault that has no place is refused, with what is expected.
+/// A fault that does not fit the bench is refused, with what is expected.
 #[test]
 fn a_fault_without_a_place_is_refused() {
     for (args, words) in [

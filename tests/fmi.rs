@@ -1,4 +1,5 @@
-//! Vehicles as functional mock-up units: FMPy, which nobody here wrote, finds them valid and flies them as we do.
+//! Vehicles as functional mock-up units: FMPy, an independent tool, finds them valid and gives the same flights as this
+//! program.
 
 mod support;
 
@@ -12,7 +13,7 @@ use whirlstand_test_harness::{Outcome, python_with};
 /// Seed of the sensors' noise.
 const SEED: &str = "7";
 
-/// Inputs that move every 20 ms, and before the end all of them beyond any limit.
+/// Inputs that change every 20 ms; near the end all of them exceed any limit.
 fn inputs(names: &[String]) -> String {
     let mut text = format!("t,{}\n", names.join(","));
     for k in 0..400 {
@@ -36,7 +37,7 @@ fn flies_alike(python: &Path, vehicle: &str, folder: &Path) {
     std::fs::write(path("in.csv"), inputs(&names)).unwrap();
     let simulate = ["simulate", vehicle, "--input", &path("in.csv"), "--output", &path("out.csv")];
     run(simulate.into_iter().chain(["--noise", "--seed", SEED])).success();
-    // The seed of the file is another one: the tool's counts.
+    // The file has another seed: that of the importing tool takes precedence.
     let said = run(["vehicle", "fmu", vehicle, "--out", &path("v.fmu"), "--seed", "1"]).success();
     assert!(said.stderr.contains("with steps of 0.005 s") || said.stdout.contains("with steps of 0.005 s"));
     let mut fly = Command::new(python);
@@ -60,7 +61,7 @@ fn fmpy_flies_effects_and_the_files_they_lead_to() -> Outcome {
     let python = python_with("fmpy")?;
     let dir = tempfile::tempdir().unwrap();
     let quadrotor = run(["vehicle", "show", "quadrotor"]).success().stdout;
-    // A file that has no name but its own.
+    // A vehicle without a `name`, only a file name.
     let quadrotor = quadrotor.replacen("name = \"quadrotor\"\n", "", 1);
     let file = dir.path().join("my own.toml");
     std::fs::create_dir(dir.path().join("later")).unwrap();

@@ -9,12 +9,12 @@ use support::foreign::{Encoding, Topic, mcap, ulog};
 use support::{json, run};
 use whirlstand_test_harness::{Outcome, python};
 
-/// By how much the attitude is logged late, s.
+/// Delay of the logged attitude, s.
 const LATE: f64 = 0.06;
-/// Where the logger wrote nothing, s.
+/// Interval without any logged data, s.
 const GAP: (f64, f64) = (30.0, 33.0);
 
-/// Where PX4 logs what the flight has: sticks, attitude, rates.
+/// Topics in which PX4 logs the signals of the flight: sticks, attitude, rates.
 const ULOG_TOPICS: [&str; 3] = ["manual_control", "vehicle_attitude", "vehicle_angular_velocity"];
 
 /// A simulated flight at 200 Hz with sensor noise, as columns.
@@ -41,7 +41,7 @@ impl Flight {
         Self { t: column(0), columns: (1..names.len()).map(|i| (names[i].clone(), column(i))).collect() }
     }
 
-    /// A topic with the named signals, every `every`-th sample, logged `late`, times `factor`.
+    /// A topic with the named signals: every `every`-th sample, delayed by `late`, multiplied by `factor`.
     fn topic(
         &self,
         name: &'static str,
@@ -59,7 +59,7 @@ impl Flight {
         }
     }
 
-    /// Sticks in percent, attitude at 50 Hz in degrees and late, rates in degrees per second.
+    /// Sticks in percent, attitude at 50 Hz in degrees and delayed, rates in degrees per second.
     fn topics(&self, [sticks, attitude, rates]: [&'static str; 3]) -> [Topic; 3] {
         let degrees = 180.0 / std::f64::consts::PI;
         [
@@ -70,7 +70,7 @@ impl Flight {
     }
 }
 
-/// What the quadrotor's parameters are, by name.
+/// The true parameters of the quadrotor, by name.
 const TRUTH: [(&str, f64); 12] = [
     ("A[2,1]", -1.1132),
     ("A[2,2]", -0.7118),
@@ -86,7 +86,7 @@ const TRUTH: [(&str, f64); 12] = [
     ("B[4,2]", -14.4146),
 ];
 
-/// Identifies the log with its mapping and holds the answer against the truth.
+/// Identifies the log with its mapping and compares the answer with the truth.
 fn finds_the_quadrotor(log: &Path, names: [&str; 3]) {
     let [sticks, attitude, rates] = names;
     let out = log.with_extension("json");
@@ -107,7 +107,7 @@ fn finds_the_quadrotor(log: &Path, names: [&str; 3]) {
         let finished = run(args).success();
         (finished.stderr, json(&out))
     };
-    // Who does not ask is told, and gets what a delayed attitude makes of it.
+    // Without `--align` the delay is reported, and the answer is affected by the delayed attitude.
     let (told, late) = call(&[]);
     assert!(told.contains("roll lags roll_rate, its derivative, by") && told.contains("--align"), "{told}");
     let (told, answer) = call(&["--align"]);
@@ -161,7 +161,7 @@ fn a_ulog_is_identified() {
     {
         assert!(refused.stderr.contains(word), "{word} in {}", refused.stderr);
     }
-    // Mapped well, but not all that the vehicle needs.
+    // A valid mapping that does not cover the whole vehicle.
     let refused = run(wrong.into_iter().chain(["roll=vehicle_attitude.phi[deg]"]));
     assert_eq!(refused.code(), 2);
     assert!(refused.stderr.contains("no signal 'u_roll'"), "{}", refused.stderr);
@@ -178,7 +178,7 @@ fn an_mcap_log_of_three_encodings_is_identified() {
     finds_the_quadrotor(&log, names);
 }
 
-/// The log that is identified is one to the PX4 project's own reader.
+/// The PX4 project's own reader accepts the log that is identified here.
 fn pyulog_reads_the_ulog() -> Outcome {
     let python = python()?;
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! A bench is looked at, and steered, by a client of Foxglove's protocol that is not Foxglove's, and by some that never read.
+//! A bench is viewed and controlled by an independent client of Foxglove's protocol, and connected to by clients that
+//! never read.
 
 mod support;
 
@@ -17,7 +18,7 @@ use whirlstand_test_harness::{Outcome, python_with};
 
 const OPEN: [&str; 4] = ["--set", "plant.inject=true", "--set", "controller.pilot=true"];
 
-/// Address and topic of controls that a command has said.
+/// Address and topic of the controls that a command has reported.
 #[track_caller]
 fn served(command: &mut Running) -> (String, String) {
     let line = command.wait_for_stderr("Foxglove ws://");
@@ -76,7 +77,7 @@ fn a_client_sees_the_bench_by_name_and_steers_it() -> Outcome {
     Ok(())
 }
 
-/// What `tests/foxglove/log.py` reads in a log.
+/// What `tests/foxglove/log.py` reads from a log.
 #[track_caller]
 fn panels_of(python: impl AsRef<std::ffi::OsStr>, log: &Path) -> Value {
     let mut reader = Command::new(python);
@@ -89,7 +90,7 @@ fn texts(list: &Value, at: Option<usize>) -> Vec<String> {
     list.as_array().unwrap().iter().filter_map(text).collect()
 }
 
-/// The log has for panels what the server has, at the same bench time as what it is made of.
+/// The log has the same panel data as the server, at the bench time of the data from which it is derived.
 fn a_log_has_pose_shape_and_events_for_panels() -> Outcome {
     let python = python_with("mcap_protobuf, mcap_ros2")?;
     let dir = TempDir::new().unwrap();
@@ -99,7 +100,7 @@ fn a_log_has_pose_shape_and_events_for_panels() -> Outcome {
     assert_eq!(seen["schemas"]["/tf"], "foxglove.FrameTransforms", "{seen}");
     assert_eq!(seen["schemas"]["/log"], "foxglove.Log");
     assert_eq!(seen["schemas"]["/scene"], "foxglove.SceneUpdate");
-    // 2400 steps at 200 Hz, of which every fourth is told.
+    // 2400 steps at 200 Hz, of which every fourth is published.
     assert_eq!(seen["frames"], json!({"vehicle": 600, "measured": 600, "estimated": 600}));
     assert_eq!(seen["misplaced"], 0, "the stamp in a message is its time in the log");
     assert!(
@@ -115,13 +116,13 @@ fn a_log_has_pose_shape_and_events_for_panels() -> Outcome {
     let info = run(["log", "info", out]).success().stdout;
     let line = info.lines().find(|l| l.contains("/tf")).expect("it is told");
     assert!(line.contains("foxglove.FrameTransforms") && !line.contains("lost"), "{line}");
-    // Whoever reads the loop does not see them.
+    // Commands that read the loop's topics ignore these.
     run(["log", "export", out, "--output", &format!("{out}/flight.csv")]).success();
     run(["log", "diff", out, out]).success();
     Ok(())
 }
 
-/// Subscribes to everything and never reads what comes.
+/// A client that subscribes to everything and never reads.
 #[track_caller]
 fn stalled(url: &str) -> TcpStream {
     let mut stream = TcpStream::connect(url.trim_start_matches("ws://")).unwrap();
@@ -158,7 +159,7 @@ fn clients_that_never_read_change_nothing_in_the_log() -> Outcome {
     Ok(())
 }
 
-/// What a plot of a layout asks for: topic, field, and the element of that.
+/// The paths that the plots of a layout request: topic, field, and any element of the field.
 fn asked_for(layout: &str, field: char) -> Vec<Vec<String>> {
     let quoted =
         layout.split('"').filter(|text| text.starts_with('/') && !text.contains('<') && text.contains(field));
@@ -189,7 +190,7 @@ fn the_layouts_show_what_is_in_a_log() -> Outcome {
         for path in asked {
             let schema =
                 schemas.get(&format!("/{}", path[0])).unwrap_or_else(|| panic!("{layout}: {path:?}"));
-            // An element stands in the type of its field, which has a section of its own.
+            // A nested element is listed in the type of its field, which has a section of its own.
             for name in &path[1..] {
                 assert!(
                     schema.lines().any(|line| line.ends_with(&format!(" {name}"))),

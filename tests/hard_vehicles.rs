@@ -1,5 +1,5 @@
-//! Vehicle files on which unbounded iterations never ended, and stiff ones: every command answers within seconds, by
-//! numbers or by a sentence.
+//! Vehicle files on which unbounded iterations did not terminate, and stiff ones: every command answers within seconds,
+//! with numbers or with an error message.
 
 mod support;
 
@@ -8,14 +8,14 @@ use std::time::Duration;
 
 use support::{Finished, json, spawn, whirlstand};
 
-/// Far beyond what any of these should take: what does not end is killed.
+/// Far longer than any of these commands should take; one that does not end is killed.
 const ANSWER: Duration = Duration::from_secs(60);
 
 fn ask(args: &[&str]) -> Finished {
     spawn(whirlstand(args)).finish_within(ANSWER)
 }
 
-/// A vehicle with these rows of A, the last state moved by the input and all states measured.
+/// A vehicle with these rows of A, whose input acts on the last state and whose states are all measured.
 fn vehicle(dir: &Path, name: &str, a: &[Vec<f64>]) -> PathBuf {
     let n = a.len();
     let rows = a.iter().map(|row| format!("    {row:?},\n")).collect::<String>();
@@ -88,8 +88,8 @@ fn every_vehicle_is_checked_and_designed_for_within_seconds() {
     assert!(answered >= 9, "{answered} designs");
 }
 
-/// A state that follows another within a microsecond, flown by a loop of 5 ms: whatever the ratio, it is a thousandth of it at
-/// every step, and the loop brings the slow ones to rest.
+/// The state x1 follows x2 within a microsecond, in a loop of 5 ms: whatever the ratio, x1 is a thousandth of x2 at
+/// every step, and the loop brings the slow states to rest.
 #[test]
 fn a_stiff_vehicle_flies_as_processes() {
     let dir = tempfile::tempdir().unwrap();
@@ -108,6 +108,6 @@ fn a_stiff_vehicle_flies_as_processes() {
     let figure = |output: &str, key: &str| run["outputs"][output][key].as_f64().unwrap();
     let ratio = figure("x1", "rms_error") / figure("x2", "rms_error");
     assert!((ratio / 1e-3 - 1.0).abs() < 1e-3, "{ratio}");
-    // Left alone it would stay at 0.5 for 8 s.
+    // Uncontrolled, x2 would stay at 0.5 for 8 s.
     assert!(figure("x2", "iae") < 1.0, "{run}");
 }

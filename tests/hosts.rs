@@ -47,7 +47,7 @@ impl TwoHosts {
         format!("10.213.{}.{}", self.subnet, host + 1)
     }
 
-    /// The same command, on one of the hosts.
+    /// The same command, run on one of the hosts.
     fn on(&self, host: usize, command: &Command) -> Command {
         let mut there = Command::new("ip");
         there.args(["netns", "exec", &self.names[host]]).arg(command.get_program()).args(command.get_args());
@@ -70,7 +70,7 @@ impl TwoHosts {
     }
 }
 
-/// Runs a command of iproute2. Where it is not installed it can be; where it is refused nobody can change that.
+/// Runs a command of iproute2. If it is not installed, it can be; if it is refused, the machine cannot run the test.
 fn configure(program: &str, arguments: &[&str], lacking: &str) -> Outcome {
     match Command::new(program).args(arguments).output() {
         Ok(done) if done.status.success() => Ok(()),
@@ -120,7 +120,7 @@ impl<'a> Link<'a> {
 fn fly(link: &Link, bench: &str, out: &Path, mode: &str, more: &[&str]) -> Finished {
     let bench = format!("{bench}-{}", std::process::id());
     let same = ["--transport", "zenoh", "--mode", mode, "--duration", "8", "--bench", &bench];
-    // What travels between hosts without keys travels open, and has to be asked for.
+    // Traffic between hosts without keys is unprotected and must be requested explicitly.
     let open = ["--set", "security.mode=open"];
     let more: Vec<&str> = if more.iter().any(|m| m.starts_with("security.")) {
         more.to_vec()
@@ -181,8 +181,8 @@ fn with_keys_the_link_between_hosts_is_mutual_tls() -> Outcome {
     Ok(())
 }
 
-/// A bench with keys on one host is watched from the other, on which only the observer's and the guest's keys are: by the launch file
-/// of the bench alone. What the page asks for there is done here.
+/// A bench with keys on one host is watched from another host, which has only the observer's and the guest's keys,
+/// using only the bench's launch file. The requests of the page take effect on the bench.
 fn a_bench_is_watched_from_another_host() -> Outcome {
     let hosts = TwoHosts::new(14)?;
     let dir = tempfile::tempdir().unwrap();
@@ -216,7 +216,7 @@ fn a_bench_is_watched_from_another_host() -> Outcome {
     let mut watch = spawn(hosts.on(1, &watch));
     let line = watch.wait_for_stderr("live page http");
     let url = line.split_whitespace().find(|word| word.starts_with("http")).expect("an address").to_string();
-    // The page is on the loopback of the other host.
+    // The page is on the other host's loopback interface.
     let python = python_with("urllib.request")?;
     let on_page = |what: &str, text: &str| {
         let mut client = Command::new(&python);
@@ -225,14 +225,14 @@ fn a_bench_is_watched_from_another_host() -> Outcome {
             .args([&url, what, text]);
         spawn(hosts.on(1, &client)).finish().success().stdout
     };
-    // A link to one node says nothing of the others: what the plant says before its own is there is not heard.
+    // Each link carries one node: messages that the plant sends before its own link is up are not received.
     for wanted in ["\"rows\":{\"step\":[", "\"node\":\"plant\"", "\"node\":\"recorder\""] {
         on_page("see", wanted);
     }
     let told = on_page("ask", r#"{"do":"inject","what":"roll_rate=60deg/s^2","for_s":0.2}"#);
     assert!(told.contains("gust on roll_rate: 60"), "{told}");
     on_page("see", "gust on roll_rate");
-    // The same from a terminal there.
+    // The same requests from a terminal there.
     let terminal = |words: &[&str]| {
         let mut command = whirlstand(words);
         command.args(["--launch", "quadrotor", "--set", &with(&there)]).args(&same).args(open.as_flattened());
@@ -254,10 +254,10 @@ fn a_bench_is_watched_from_another_host() -> Outcome {
     Ok(())
 }
 
-/// 5 ms each way is more than a 200 Hz period: at 50 Hz the answer comes in time unless a message is lost.
+/// A delay of 5 ms each way exceeds a 200 Hz period; at 50 Hz the answer arrives in time unless a message is lost.
 const SLOW: [&str; 4] = ["--set", "rate_hz=50", "--set", FAULTS_ALLOWED];
 
-/// The delay shows in the command latency, and what the loss cost is counted.
+/// Asserts that the delay shows in the command latency and that lost steps are counted.
 fn assert_bad_link_was_seen(out: &Path) {
     let summary = json(out.join("summary.json"));
     let timing = &summary["runs"][0]["timing"];
@@ -275,8 +275,8 @@ fn a_bad_link_between_hosts_is_flown_counted_and_reported() -> Outcome {
     Ok(())
 }
 
-/// The same without the kernel's help, for machines without netem: Zenoh's datagrams through a relay that is late
-/// and loses one in a hundred.
+/// The same in user space, for machines without netem: Zenoh's datagrams pass through a relay that delays them and
+/// loses one in a hundred.
 fn a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported() {
     let server = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr()).expect("a free port");
     let connect = [(); 3].map(|()| format!("udp/{}", relay::udp(server, Duration::from_millis(5), 0.01)));

@@ -1,11 +1,11 @@
-//! Identification from flown records alone: each of the paper's vehicles is flown as processes, recorded, and found
-//! again; and what the command answers to data that it cannot use.
+//! Identification from flown records alone: each of the paper's vehicles is flown as processes, recorded, and
+//! recovered; also the answers of the command to data that it cannot use.
 
 mod support;
 
 use support::{json, run, spawn, whirlstand};
 
-/// True values of the paper's tables, as `vehicle show` gives them, by parameter name, in the file's units.
+/// True values of the paper's tables by parameter name, in the file's units, as `vehicle show` prints them.
 fn table(vehicle: &str) -> Vec<(String, f64)> {
     let text = run(["vehicle", "show", vehicle]).success().stdout;
     let file: toml::Table = text.parse().unwrap();
@@ -22,7 +22,7 @@ fn table(vehicle: &str) -> Vec<(String, f64)> {
         .collect()
 }
 
-/// Flies a test flight as processes and gives the folder of its log.
+/// Flies a test flight as processes and returns the folder of its log.
 fn fly(dir: &std::path::Path, vehicle: &str, duration: &str, seed: &str) -> String {
     let folder = dir.join(format!("flight-{seed}"));
     let folder = folder.to_str().unwrap();
@@ -65,7 +65,7 @@ fn recovers(vehicle: &str, structure: &str) {
     poles_are_those_of(vehicle, &answer);
     control_data_are_predicted(vehicle, &answer, &control, dir.path());
 
-    // The fitted file is a vehicle like any other and says where it comes from.
+    // The fitted file is a valid vehicle and states its origin.
     let text = std::fs::read_to_string(&fitted_vehicle).unwrap();
     assert!(text.contains("log_1_sha256") && text.contains("\"pem\""));
     run(["vehicle", "check", fitted_vehicle.to_str().unwrap()]).success();
@@ -90,7 +90,7 @@ fn parameters_are_within_their_errors(vehicle: &str, answer: &serde_json::Value)
         answer["fixed"]
     );
     assert_eq!(parameters.len(), truth.len(), "all are identifiable: {}", answer["fixed"]);
-    // At most one of a hundred: of 12 or 20, none is expected, and one is allowed for chance.
+    // At most one in a hundred may lie outside: of 12 or 20, none is expected, and one is allowed for chance.
     assert!(outside.len() <= 1, "{outside:?}");
 }
 
@@ -111,7 +111,7 @@ fn poles_are_those_of(vehicle: &str, answer: &serde_json::Value) {
     }
 }
 
-/// As well as the true parameters do.
+/// Predicts control data as well as the true parameters do.
 fn control_data_are_predicted(
     vehicle: &str,
     answer: &serde_json::Value,
@@ -217,7 +217,7 @@ fn a_budget_of_time_ends_every_method_with_the_best_so_far() {
             std::fs::read_to_string(format!("{out}/report.html")).unwrap().contains("Partial, as the search")
         );
     }
-    // With time enough, it is whole.
+    // With enough time, it is complete.
     let whole = run(call.into_iter().chain(["--budget", "10 min"])).success();
     assert!(whole.stdout.starts_with("12 parameters"), "{}", whole.stdout);
     assert_eq!(json(&path)["partial"], false);

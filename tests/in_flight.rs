@@ -1,4 +1,4 @@
-//! A running bench is asked for changes and listened to from a second terminal, over both transports.
+//! A second terminal adjusts a running bench and listens to its topics, over both transports.
 
 mod support;
 
@@ -62,7 +62,7 @@ fn adjusts_and_listens(transport: &str) {
     assert_eq!(wrong.code(), 2);
     assert!(wrong.stderr.contains("did you mean 'imu'?"), "{}", wrong.stderr);
 
-    // Who listens learns of the end, and leaves nothing behind.
+    // A listener is notified of the end of the bench, and leaves nothing behind.
     let mut listener = spawn(whirlstand(["echo", &name, "health"]));
     assert!(listener.is_alive());
     end(bench);
@@ -97,12 +97,12 @@ fn a_bench_that_is_not_open_says_what_would_open_it_whoever_asks() {
         assert_eq!(refused.code(), 2);
         assert!(refused.stderr.contains(key), "{}", refused.stderr);
     }
-    // A program that does not ask first is answered by the node itself.
+    // A program that does not check first is answered by the node itself.
     let bus = Bus::open(&BusConfig::new(&name, "guest", Transport::Iceoryx2)).unwrap();
     let mut answers = bus.subscriber::<Adjustment>(16).unwrap();
     let what = AdjustmentKind::Gain as u32;
     let request = Adjustment { id: 1, what, value: 2.0, ..Adjustment::zeroed() };
-    // One that leaves before it was noticed was never there.
+    // A publisher that closes before it is discovered delivers nothing.
     let mut ask = bus.publisher_on("adjust").unwrap();
     ask.send(&request).unwrap();
     let mut answer = None;

@@ -1,4 +1,4 @@
-//! Programs that know nothing of this code, with the public packages of the transports, as nodes of a bench.
+//! Programs that are independent of this code and use the transports' public packages, as nodes of a bench.
 
 mod support;
 
@@ -7,7 +7,7 @@ use std::path::Path;
 use support::{FAULTS_ALLOWED, json, run};
 use whirlstand_test_harness::{Outcome, python};
 
-/// Flies with the example as controller, which needs nothing but its transport's public package.
+/// Flies with the example as controller, which needs only the public package of its transport.
 fn fly(transport: &str, mode: &str) -> Outcome {
     let python = python()?;
     let example =
@@ -17,18 +17,18 @@ fn fly(transport: &str, mode: &str) -> Outcome {
     let out = dir.path().to_str().unwrap();
     let end = run(["run", "quadrotor-lqr", "--transport", transport, "--mode", mode, "--out", out]
         .into_iter()
-        // The example's gain is its own, and Python is late now and then.
+        // The example has a gain of its own, and Python is occasionally late.
         .chain(["--set", &exec, "--set", FAULTS_ALLOWED]))
     .success();
     let summary = json(dir.path().join("summary.json"));
     let run = &summary["runs"][0];
     assert_eq!(run["ended"]["how"], "complete", "{}", end.stderr);
-    // 12 s at 200 Hz; what it read and answered brought the vehicle back from the gust at 6 s.
+    // 12 s at 200 Hz; with the commands of the example, the vehicle recovered from the gust at 6 s.
     assert_eq!(run["steps"], 2400);
     let roll = &run["outputs"]["roll"];
     assert_eq!(roll["recovered"], true, "{roll}");
     assert!(roll["peak"].as_f64().unwrap() < 0.35, "{roll}");
-    // It reads the estimates live, and prints some.
+    // The example reads the estimates live and prints some.
     assert!(end.stderr.contains("step 2300"), "{}", end.stderr);
     Ok(())
 }
@@ -43,8 +43,8 @@ fn a_python_program_with_the_zenoh_package_is_the_controller() -> Outcome {
     fly("zenoh", "realtime")
 }
 
-/// The controller has no memory left in the middle of a flight: it is started again, the flight goes on where it was, and nothing is
-/// missing in the log. In lockstep, so that a busy machine changes nothing.
+/// The controller runs out of memory in flight: it is restarted, the flight continues from there, and no message is
+/// missing in the log. In lockstep, so that the load of the machine has no effect.
 fn a_node_that_runs_out_of_memory_in_flight_is_started_again() -> Outcome {
     let python = python()?;
     let place = Path::new(env!("CARGO_MANIFEST_DIR"));

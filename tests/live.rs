@@ -1,5 +1,5 @@
-//! A bench is looked at while it flies, and a log as if it did: in a real browser, by programs that read what the page reads,
-//! and by some that do not read at all.
+//! A bench is viewed in flight, and a log is played back, in a real browser, by programs that read what the page reads,
+//! and by some that never read.
 
 mod support;
 
@@ -33,7 +33,7 @@ fn a_running_bench_is_shown_and_steered_from_two_browsers() -> Outcome {
         ));
     }
 
-    // A push from the page, and a setpoint that the vehicle cannot have.
+    // A gust from the page, and a setpoint beyond the limits of the vehicle.
     page.value("document.querySelector('#form-gust').requestSubmit()");
     page.wait_for("document.querySelector('#answer.good').textContent.startsWith('gust on roll_rate: 60')");
     page.wait_for("document.querySelector('#events').textContent.includes('gust on roll_rate: 60')");
@@ -41,7 +41,7 @@ fn a_running_bench_is_shown_and_steered_from_two_browsers() -> Outcome {
     page.value("document.querySelector('#form-setpoint').requestSubmit()");
     page.wait_for("document.querySelector('#answer.bad').textContent.includes('beyond the limits')");
 
-    // While it is held it shows the same part, loses nothing, and goes on afterwards.
+    // While paused, the plot shows the same interval and loses nothing; afterwards it continues.
     page.value("document.querySelector('#pause').click()");
     let shown = "document.querySelector('#plot-output-roll').layout.xaxis.range[1]";
     let (held, t) = (page.value(shown), page.value("Number(document.body.dataset.t)"));
@@ -51,7 +51,7 @@ fn a_running_bench_is_shown_and_steered_from_two_browsers() -> Outcome {
     page.value("document.querySelector('#follow').click()");
     page.wait_for(&format!("{shown} > {held}"));
 
-    // A second viewer, on a phone in the dark, sees what was before it came.
+    // A second viewer, on a phone in dark mode, sees the events from before it connected.
     let mut phone = Page::open(&browser, &url);
     let size = json!({ "width": 360, "height": 740, "deviceScaleFactor": 2, "mobile": true });
     phone.emulate("setDeviceMetricsOverride", size);
@@ -72,7 +72,8 @@ fn a_running_bench_is_shown_and_steered_from_two_browsers() -> Outcome {
     Ok(())
 }
 
-/// Flies in lockstep with so many viewers that ask for frames and never read them; whether the page is served at all.
+/// Flies in lockstep with `viewers` clients that request frames and never read them; `page` is whether the page is
+/// served.
 #[track_caller]
 fn flown_with_stalled_viewers(folder: &Path, viewers: usize, page: bool) -> String {
     let out = folder.join(format!("{viewers}-{page}")).display().to_string();

@@ -1,5 +1,5 @@
-//! The stick on the live page, in a real browser. A program of its own, because a browser that has to share the processors with
-//! others falls silent now and then, and so lets go.
+//! The stick on the live page, in a real browser. A separate test program, because a browser that shares the processors
+//! with others occasionally falls silent and thus releases the stick.
 
 mod support;
 
@@ -17,14 +17,14 @@ use whirlstand_test_harness::{Outcome, browser};
 /// One browser at a time.
 static BROWSER: Mutex<()> = Mutex::new(());
 
-/// A browser's gamepad, as its page sees it.
+/// Simulates a browser's gamepad as seen by its page.
 fn plug_in(page: &mut Page, axes: [f64; 4]) {
     page.value(&format!(
         "Object.defineProperty(navigator, 'getGamepads', {{ configurable: true, value: () => [null, {{ connected: true, axes: {axes:?} }}] }})"
     ));
 }
 
-/// A gamepad moves the stick, within its dead band it does not, and unplugged it gives it back.
+/// A gamepad moves the stick, but not within its dead band; unplugging it releases the stick.
 fn a_gamepad_flies_the_bench_until_it_is_unplugged() -> Outcome {
     let browser = browser()?;
     let _alone = BROWSER.lock().unwrap_or_else(PoisonError::into_inner);
@@ -32,10 +32,10 @@ fn a_gamepad_flies_the_bench_until_it_is_unplugged() -> Outcome {
     let (bench, url) = live_bench(&unique("live-gamepad"), dir.path());
     let mut page = Page::open(&browser, &url);
     page.wait_for("document.body.dataset.state === 'flying' && Number(document.body.dataset.rows) > 100");
-    // Right stick half to the right, and as little down as a stick at rest is.
+    // The right stick is half way to the right, and as little down as a stick at rest.
     plug_in(&mut page, [0.0, 0.0, 0.5, 0.05]);
     let take = "controls.stick.hand !== null || (document.querySelector('#stick-armed').checked = true, controls.stick.takeOver())";
-    // 20 * 0.25 * 0.5, and nothing; on a machine without time the page was silent, and takes over again.
+    // 20 * 0.25 * 0.5, and zero; on an overloaded machine the page may have fallen silent, and takes over again.
     let moved = "['u.u_roll', 'u.u_pitch'].every((u, i) => store.values.get(u).slice(-10).every((v) => Math.abs(v - [2.5, 0][i]) < 0.1))";
     let until = Instant::now() + HUNG;
     loop {
@@ -56,7 +56,8 @@ fn a_gamepad_flies_the_bench_until_it_is_unplugged() -> Outcome {
     Ok(())
 }
 
-/// A pointer on the stick of one page flies the bench, in front of another viewer; the page goes, and the law flies again.
+/// A pointer on the stick of one page flies the bench while another viewer watches; the page closes, and the law flies
+/// again.
 fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome {
     let browser = browser()?;
     let _alone = BROWSER.lock().unwrap_or_else(PoisonError::into_inner);
@@ -76,7 +77,7 @@ fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome 
         "another viewer has no stick: {code} {text}"
     );
 
-    // A quarter of the way to the right, of 25 % of what the input can do: 20 * 0.25 * 0.25.
+    // A quarter of the way to the right, of 25 % of the input's range: 20 * 0.25 * 0.25.
     page.value("document.querySelector('#stick-pad').scrollIntoView({ block: 'center' })");
     let place = "[0.625, 0.5].map((part, i) => { const b = document.querySelector('#stick-pad').getBoundingClientRect(); \
                  return i ? b.top + b.height * part : b.left + b.width * part; })";
@@ -85,13 +86,13 @@ fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome 
     let until = Instant::now() + HUNG;
     loop {
         page.mouse("mousePressed", x, y);
-        // No law holds its command still.
+        // The law never holds its command constant.
         let moved = "store.values.get('u.u_roll').slice(-10).every((u) => Math.abs(u - 1.25) < 0.1)";
         if page.value(&format!("new Promise((done) => setTimeout(() => done({moved}), 300))")) == true {
             break;
         }
         assert!(Instant::now() < until, "the stick never moves");
-        // On a machine without time the page was silent, and the law flies: the page takes over again.
+        // On an overloaded machine the page may have fallen silent, and the law flies: the page takes over again.
         page.mouse("mouseReleased", x, y);
         page.value(
             "controls.stick.hand !== null || (document.querySelector('#stick-armed').checked = true, controls.stick.takeOver())",
@@ -99,7 +100,7 @@ fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome 
     }
     page.wait_for("document.querySelector('#events').textContent.includes('stick taken over')");
 
-    // The browser is gone with its hand on the stick: nothing is said any more.
+    // The browser closes while it holds the stick, and sends nothing any more.
     drop(page);
     let is_free = |hand: u32| control(&url, &json!({ "do": "take", "hand": hand }).to_string()).0 == "200";
     let hand = (1000..).find(|hand| is_free(*hand)).expect("it is given back");

@@ -1,4 +1,4 @@
-//! Lockstep knows no wall clock: a bench whose nodes stand still for as long as it pleases flies the same flight.
+//! Lockstep uses no wall clock: a bench whose nodes are stopped for any length of time flies the same flight.
 
 mod support;
 
@@ -12,7 +12,7 @@ use whirlstand_test_harness::undisturbed;
 const DURATION_S: &str = "200";
 
 fn flight<'a>(out: &'a str, transport: &'a str, more: &[&'a str]) -> Vec<&'a str> {
-    // A node that stands still says nothing of its health, and would be killed for it.
+    // A stopped node sends no health messages, and would be killed for that.
     let patient = [
         "nodes.plant.hang_timeout_s=100",
         "nodes.estimator.hang_timeout_s=100",
@@ -59,7 +59,7 @@ fn nodes_that_stand_still_change_nothing() {
             let nodes = ["estimator", "controller", "recorder"];
             let pids = all_ready(&mut bench, nodes);
             if transport == "zenoh" {
-                // In the loop: a link that is being made while its end stands still begins with a gap for the recorder.
+                // Waits until the loop runs: a link made while one end is stopped begins with a gap for the recorder.
                 bench.wait_for_stderr("steps/s  misses 0");
             }
             for (node, pid) in nodes.into_iter().zip(pids) {

@@ -1,4 +1,4 @@
-//! A log in several files: by size, by length, after the disk was full. Any command reads them as one.
+//! A log in several files: split by size, by duration, or after the disk was full. Every command reads them as one log.
 
 mod support;
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 use support::{json, run, spawn};
 use whirlstand_test_harness::{Missing, Outcome, tests};
 
-/// Flies a quadrotor with what `more` says; gives the folder.
+/// Flies a quadrotor with the settings `more`; returns the folder.
 fn flown(dir: &Path, name: &str, more: &[&str]) -> PathBuf {
     let out = dir.join(name);
     let fixed = ["run", "quadrotor", "--mode", "lockstep", "--transport", "inproc", "--out"];
@@ -22,7 +22,7 @@ fn info(log: &Path) -> Value {
     serde_json::from_str(&end.stdout).unwrap()
 }
 
-/// Files of the log that was read, and the messages on the true states in them.
+/// Files of the log that were read, and the number of messages of the true states in them.
 fn read(log: &Path) -> (Vec<String>, u64) {
     let info = info(log);
     let name = |file: &Value| Path::new(file["path"].as_str().unwrap()).file_name().unwrap().to_owned();
@@ -39,7 +39,7 @@ fn files_are_full_at_their_size_and_one_log_together() {
     let (files, steps) = read(&parts);
     assert!(files.len() > 5 && files[..2] == ["log.mcap", "log.2.mcap"], "{files:?}");
     for file in &files {
-        // Up to a chunk, a look at the queues and the index more than asked for.
+        // A file may exceed the requested size by a chunk, one poll of the queues and the index.
         let size = std::fs::metadata(parts.join(file)).unwrap().len();
         assert!(size < 300_000, "{file}: {size}");
     }
@@ -61,9 +61,10 @@ fn the_oldest_files_go_when_only_so_many_are_kept() {
     let (files, steps) = read(&out);
     assert_eq!(files.len(), 3, "{files:?}");
     assert!(!out.join("log.mcap").exists() && files[0] != "log.mcap", "{files:?}");
-    // Two files of two seconds at 200 Hz, and the one at hand.
+    // Two complete files of two seconds at 200 Hz, and the current one.
     assert!((800..1_300).contains(&steps), "{steps}");
-    // The name of the first file, which has gone, stands for the log as well; so does that of the oldest.
+    // The name of the first file, which was deleted, still stands for the whole log; so does the name of the oldest
+    // file.
     assert_eq!(read(&out.join("log.mcap")), (files.clone(), steps));
     assert_eq!(read(&out.join(&files[0])), (files, steps));
     let kept = json(out.join("summary.json"));

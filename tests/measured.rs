@@ -1,5 +1,5 @@
-//! Measured data goes in with its units, and comes out compared: a helicopter's hover, 85.9 s at 100 Hz, against the model
-//! of another helicopter. What the record is known to hold must show.
+//! Measured data is read with its units and compared: a helicopter's hover, 85.9 s at 100 Hz, against the model of
+//! another helicopter. The known properties of the record must be found.
 
 mod support;
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 use support::{json, run};
 use whirlstand_test_harness::{Outcome, data};
 
-/// Samples of the record.
+/// Sample count of the record.
 const SAMPLES: usize = 8590;
 
 /// Each measured output, its column, and the fit of the other helicopter's model, %, as the README shows it.
@@ -22,10 +22,10 @@ const OUTPUTS: [(&str, &str, f64); 6] = [
     ("lateral_speed", "v", -1.4),
 ];
 
-/// What maps the record's sticks to the model's inputs.
+/// Mapping of the record's sticks to the model's inputs.
 const INPUTS: [&str; 4] = ["--map", "u_roll=in_lat", "--map", "u_pitch=in_lon"];
 
-/// A column of a CSV; `name` stands before its unit.
+/// A column of a CSV file; in its header, `name` precedes the unit.
 fn column(path: &Path, name: &str) -> Vec<f64> {
     let text = std::fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
@@ -42,7 +42,7 @@ fn moments(values: &[f64]) -> (f64, f64) {
     (mean, (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt())
 }
 
-/// The strongest line of a residual between two frequencies, Hz, and its share of the variance.
+/// The strongest spectral line of a residual between two frequencies: its frequency, Hz, and its share of the variance.
 fn line(output: &Value, from_hz: f64, to_hz: f64) -> (f64, f64) {
     let lines = output["lines"].as_array().unwrap().iter();
     let figures = lines.map(|l| (l["frequency_hz"].as_f64().unwrap(), l["share"].as_f64().unwrap()));
@@ -62,7 +62,8 @@ fn a_real_stick_record_drives_the_model_of_another_helicopter() -> Outcome {
     for (output, measured, _) in OUTPUTS {
         let (simulation, flight) = (column(&simulated, output), column(&record, measured));
         assert_eq!((simulation.len(), flight.len()), (SAMPLES, SAMPLES));
-        // Its sticks are in another unit, so the model hardly moves; it does move, and not by degrees for radians.
+        // The record's sticks have another unit, so the model moves little; but it moves, and not as if degrees were
+        // radians.
         let moves = moments(&simulation).1 / moments(&flight).1;
         assert!((0.002..0.05).contains(&moves), "{output} moves {moves} times as far as the record");
     }
@@ -88,20 +89,20 @@ fn the_comparison_shows_what_the_record_holds() -> Outcome {
         let figure = |name: &str| outputs[output][name].as_f64().unwrap();
         let (fit, rmse) = (figure("fit"), figure("rmse"));
         assert!((fit - expected).abs() < 0.5, "{output}: {fit} %, not {expected} %");
-        // The fit is by definition 100 (1 - rmse / standard deviation of what was measured).
+        // By definition the fit is 100 (1 - rmse / standard deviation of the measured signal).
         let deviation = moments(&column(&record, measured)).1;
         assert!(
             (fit - 100.0 * (1.0 - rmse / deviation)).abs() < 0.01,
             "{output}: {fit} %, {rmse} of {deviation}"
         );
     }
-    // A model that stands still misses the roll's mean, which is the trim and the sensor's offset.
+    // A model that hardly moves misses the mean of roll, which is the trim and the offset of the sensor.
     let offset = moments(&column(&record, "phi")).0;
     let bias = outputs["roll"]["bias"].as_f64().unwrap();
     assert!((bias - offset).abs() < 0.05 * offset, "{bias} of {offset}");
     let removed = outputs["roll"]["fit_bias_removed"].as_f64().unwrap();
     assert!((removed + 0.6).abs() < 0.5, "{removed} %");
-    // The rotor shakes the gyroscopes at 27.6 Hz; of roll's variance that is a fifth.
+    // The rotor shakes the gyroscopes at 27.6 Hz, about a fifth of the roll rate residual's variance.
     for rate in ["roll_rate", "pitch_rate"] {
         let (frequency, _) = line(&outputs[rate], 20.0, 35.0);
         assert!((frequency - 27.6).abs() < 0.1, "{rate}: {frequency} Hz");
@@ -123,8 +124,8 @@ fn a_signal_that_the_log_does_not_have_is_answered_with_those_it_has() -> Outcom
     Ok(())
 }
 
-/// The crazyflie's roll axis against a vehicle whose motors are prompt: their lag is found, and the law that knows of it costs
-/// less on every draw, at a lower peak of the sensitivity.
+/// The Crazyflie's roll axis against a vehicle model without motor lag: the lag is found, and the law that accounts for
+/// it has a lower cost on every draw and a lower peak of the sensitivity.
 fn the_law_for_a_crazyflie_learns_of_its_motors_lag() -> Outcome {
     let record = data()?.join("crazyflie/roll_pitch.csv");
     let vehicle = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/diagnose/crazyflie-roll.toml");
@@ -140,7 +141,7 @@ fn the_law_for_a_crazyflie_learns_of_its_motors_lag() -> Outcome {
     call.extend(["4ms", "--to", "5", "--draws", "20", "--json", "-", "--out", out.to_str().unwrap()]);
     let answer: Value = serde_json::from_str(&run(call).success().stdout).unwrap();
     println!("{}\n{}", answer["causes"], answer["gain"]);
-    // Published: 0.072 s, lag and delay together.
+    // Published value: 0.072 s for lag and delay together.
     let found = |effect: &str, parameter: &str| {
         let cause = answer["causes"].as_array().unwrap().iter().find(|c| c["effect"] == effect);
         cause.unwrap_or_else(|| panic!("no {effect}: {}", answer["causes"]))["parameters"][parameter]["value"]

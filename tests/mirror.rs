@@ -1,4 +1,4 @@
-//! A flight in which something changes, with the mirror beside it: whole processes.
+//! Flights as whole processes in which something changes, monitored by the mirror.
 
 mod support;
 
@@ -7,7 +7,7 @@ use std::path::Path;
 use support::{json, refused, run};
 use tempfile::TempDir;
 
-/// A sensor that is off by 1 deg from 8 s on, which only the plant knows.
+/// A sensor bias of 1 deg from 8 s on, which only the plant knows.
 const BIASED: &str = r#"
 vehicle = "quadrotor"
 mode = "lockstep"
@@ -64,7 +64,7 @@ fn a_flight_as_the_file_says_has_no_finding() {
     assert!(json(format!("{out}/summary.json"))["runs"][0]["findings"].is_null(), "{said}");
 }
 
-/// An input that is late from 8 s on, in turbulence and with steps of the setpoint: the launch file.
+/// Launch file with a delay of an input from 8 s on, in turbulence and with setpoint steps.
 const LATE: &str = r#"
 vehicle = "quadrotor"
 mode = "lockstep"
@@ -84,12 +84,12 @@ std = "4 deg/s^2"
 bandwidth_hz = 1.0
 "#;
 
-/// Steps of the setpoint of roll every two seconds: when, and in deg.
+/// Setpoint steps of roll every two seconds: time in s, and roll in deg.
 fn setpoints() -> impl Iterator<Item = (f64, f64)> {
     (1..25u32).map(|k| (2.0 * f64::from(k), [0.0, 5.0, -5.0][k as usize % 3]))
 }
 
-/// Time, roll in rad and the input that turns it, from the log.
+/// Time, roll in rad, and the input that acts on roll, from the log.
 fn flown(out: &str) -> Vec<[f64; 3]> {
     let csv = format!("{out}.csv");
     run(["log", "export", out, "--output", &csv]).success();
@@ -141,7 +141,7 @@ fn the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_bett
         "asked for at {at} s; mean square from 22 s on: {told_only:.4} told, {with_law:.4} with the law"
     );
     assert!(with_law < 0.97 * told_only, "{told_only} {with_law}");
-    // The command around the change moves from step to step as it did before.
+    // Around the switch the command's step-to-step changes are of the same size as before.
     let largest = |from: f64, to: f64| {
         let pairs = with.windows(2).filter(|p| p[1][0] > from && p[1][0] < to);
         pairs.map(|p| (p[1][2] - p[0][2]).abs()).fold(0.0, f64::max)
@@ -158,7 +158,7 @@ fn what_the_mirror_is_worth_is_measured_by_a_command() {
         ["bench", "mirror", "--trials", "2", "--clean", "0.02", "--effects", "bias,delay", "--seed", "3"];
     let flown = run(call).success().stdout;
     assert!(flown.contains("all goals are met") && flown.contains("0 false alarms in 0.02 h"), "{flown}");
-    // The same flights, however many at a time, say the same.
+    // The same flights give the same results, however many are flown at a time.
     let one = run(call.into_iter().chain(["--jobs", "1", "--json"])).success().stdout;
     let tally: serde_json::Value = serde_json::from_str(&one).unwrap();
     assert_eq!(tally["schema"], "whirlstand.bench-mirror.v1");

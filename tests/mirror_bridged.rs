@@ -1,5 +1,5 @@
-//! The mirror beside a vehicle at the end of a link: a bench of its own is the vehicle, pymavlink its autopilot, and a
-//! second bench flies it through MAVLink. Real processes, real UDP, and clocks that do not wait for each other.
+//! The mirror with a vehicle behind a link: one bench is the vehicle, pymavlink its autopilot, and a second bench flies
+//! it over MAVLink. Real processes, real UDP, and clocks that are not synchronised.
 
 mod support;
 
@@ -12,12 +12,12 @@ use support::bridged::{Bridged, setpoints};
 use support::{json, run, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
-/// A port that nobody uses.
+/// A UDP port that no process uses.
 fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// The bench that is the vehicle, with a hidden effect. Its controller is the autopilot, which knows MAVLink alone.
+/// The bench that is the vehicle, with a hidden effect. Its controller is the autopilot, which speaks only MAVLink.
 fn vehicle(dir: &Path, python: &Path, port: u16, effect: &str) -> PathBuf {
     let bridge = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bridge");
     let text = format!(
@@ -43,10 +43,10 @@ restart = "never"
     path
 }
 
-/// One flight at a time: what is measured is when messages arrive.
+/// One flight at a time, because the arrival times of messages are measured.
 static FLIGHT: Mutex<()> = Mutex::new(());
 
-/// What the mirror found in a flight of 70 s, and what was said.
+/// The mirror's findings in a flight of 70 s, and the bench's standard error.
 fn flown(effect: &str) -> Result<(Vec<Value>, String), whirlstand_test_harness::Missing> {
     let python = python()?;
     let _alone = FLIGHT.lock().unwrap_or_else(PoisonError::into_inner);
@@ -79,7 +79,7 @@ fn flown(effect: &str) -> Result<(Vec<Value>, String), whirlstand_test_harness::
 fn a_vehicle_as_its_file_says_is_blamed_for_nothing() -> Outcome {
     let (findings, said) = flown("")?;
     let text = |f: &Value| f["text"].as_str().unwrap().to_owned();
-    // A process that a busy machine stops for some periods is a link that stands still, and prediction is wrong then.
+    // If a busy machine stops a process for some periods, the link stalls, and the prediction is wrong then.
     let stopped = |f: &Value| text(f).ends_with("looking for the cause") || text(f).contains("right again");
     assert!(findings.len() <= 2 && findings.iter().all(stopped), "{findings:?}\n{said}");
     Ok(())

@@ -1,4 +1,5 @@
-//! The pages that commands leave, as a browser shows them: every plot is drawn, nothing is loaded, nothing overflows a phone.
+//! The pages that commands write, as a browser shows them: every plot is drawn, nothing is loaded, nothing overflows a
+//! phone.
 
 mod support;
 
@@ -10,7 +11,7 @@ use support::{run, spawn};
 use tempfile::TempDir;
 use whirlstand_test_harness::{Outcome, browser};
 
-/// The folder of a flight below `folder`.
+/// Flies a launch file; returns the run's folder.
 fn flown(folder: &Path, launch: &str) -> String {
     let out = folder.join(launch).display().to_string();
     run(["run", launch, "--mode", "lockstep", "--transport", "inproc", "--out", &out]).success();
@@ -30,7 +31,7 @@ fn drawn(page: &Path) -> Result<String, whirlstand_test_harness::Missing> {
     Ok(spawn(command).finish().success().stdout)
 }
 
-/// How many plots the page has, all of which the browser must have drawn.
+/// Number of plots of the page, all of which the browser must have drawn.
 #[track_caller]
 fn plots(dom: &str) -> usize {
     let wanted = dom.matches("id=\"plot-").count();
@@ -48,8 +49,8 @@ fn a_run_is_drawn_plots_first() -> Outcome {
     let dir = TempDir::new().unwrap();
     let out = flown(dir.path(), "quadrotor");
     let dom = drawn(&Path::new(&out).join("report.html"))?;
-    // Four outputs, two inputs, four spectra and spectrograms of rates and inputs, the estimator's five; in one process nobody
-    // waits for answers.
+    // Four outputs, two inputs, four spectra and spectrograms of rates and inputs, and five plots of the estimator; a
+    // bench in one process has no waiting times.
     assert_eq!(plots(&dom), 4 + 2 + 4 + 4 + 5);
     assert!(before(&dom, "id=\"plot-output-0\"", "<table"), "the first screen has a plot");
     assert!(dom.contains("class=\"heatmaplayer") && dom.contains("href=\"./log.mcap\""));
@@ -117,8 +118,8 @@ fn a_run_that_failed_says_why_first_and_draws_nothing_empty() -> Outcome {
 /// Width of a phone held upright, px.
 const PHONE: u32 = 390;
 
-/// What the page at a place is on a phone: its width, and what sticks out of it other than in a box that scrolls, plots with
-/// their tool bars aside.
+/// Loads a page on a phone: returns its width, and the elements that extend beyond the screen, except those in
+/// scrolling boxes and in plots.
 fn on_a_phone(page: &mut Page, place: &str) -> (u64, String) {
     page.visit(&format!("file://{place}"));
     page.wait_for(&format!(
@@ -133,7 +134,7 @@ fn on_a_phone(page: &mut Page, place: &str) -> (u64, String) {
     (width, page.value(&wide).as_str().unwrap().into())
 }
 
-/// With names that no phone is wide enough for.
+/// Uses names that are wider than any phone.
 fn every_page_fits_a_phone() -> Outcome {
     let browser = browser()?;
     let dir = TempDir::new().unwrap();

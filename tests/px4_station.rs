@@ -1,5 +1,5 @@
-//! A board on one serial line, as hardware in the loop is used: the loop flies over it, and a ground station that others wrote arms
-//! the board and reads its attitude through the bench. It never writes what the loop owns.
+//! A board on one serial line, as hardware in the loop: the loop flies over it, and a third-party ground station arms
+//! the board and reads its attitude through the bench. The station never writes what the loop owns.
 
 mod support;
 
@@ -10,7 +10,7 @@ use support::flight::take_off;
 use support::{Running, json, run, spawn};
 use whirlstand_test_harness::{Missing, Outcome, python, python_with};
 
-/// A station of this kind at the end of a line of its own.
+/// Starts a ground station of this kind on a serial line of its own.
 fn station(kind: &str, package: &str, line: &Path, baud: u32, report: &Path) -> Result<Running, Missing> {
     let mut station = Command::new(python_with(package)?);
     station.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots/station.py"));
@@ -18,7 +18,7 @@ fn station(kind: &str, package: &str, line: &Path, baud: u32, report: &Path) -> 
     Ok(spawn(station))
 }
 
-/// Flies over lines of this rate, armed by the station; the bench's words.
+/// Flies over lines of this baud rate, armed by the station; returns the bench's messages.
 fn flies(kind: &str, package: &str, baud: u32, rate_hz: u32) -> Result<String, Missing> {
     let dir = tempfile::tempdir().unwrap();
     let place = |name: &str| -> PathBuf { dir.path().join(name) };
@@ -42,7 +42,7 @@ fn flies(kind: &str, package: &str, baud: u32, rate_hz: u32) -> Result<String, M
     assert_eq!(seen["armed"], true, "{seen}\n{said}");
     assert!(seen["attitudes"].as_u64() >= Some(20), "{seen}\n{said}");
     assert_eq!(flight.report["stations"].as_array().unwrap().len(), 1, "{}", flight.report);
-    // HEARTBEAT, STATUSTEXT and the events of the arming checks are told.
+    // HEARTBEAT, STATUSTEXT and the events of the arming checks are reported.
     for words in [
         "PX4 is system 1, component 1, and says that it is not armed",
         "PX4 cannot be armed: its arming checks fail, in every mode: GPS, magnetometer",
@@ -57,7 +57,7 @@ fn flies(kind: &str, package: &str, baud: u32, rate_hz: u32) -> Result<String, M
 fn pymavlink_arms_a_board_on_one_line_and_writes_nothing_that_the_loop_owns() -> Outcome {
     for (baud, rate_hz) in [(921_600, 250), (57_600, 50)] {
         let said = flies("pymavlink", "pymavlink", baud, rate_hz)?;
-        // It tried to: three sensors, and another rate of the outputs.
+        // The station tried to write three sensors, and another rate of the outputs.
         assert!(said.contains("the ground station sent HIL_SENSOR: the sensors are the bench's"), "{said}");
     }
     Ok(())

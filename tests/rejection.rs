@@ -1,6 +1,6 @@
 //! Disturbance rejection, the paper's Figures 10 to 12: every vehicle under every law, with noise and vibration on,
-//! over shared memory and over the network in lockstep, and every vehicle and every law in realtime. Each launch file's own
-//! limits on peak and recovery decide.
+//! over shared memory and over the network in lockstep, and every vehicle and every law in realtime. The limits on peak
+//! and recovery in each launch file decide.
 
 mod support;
 
@@ -26,31 +26,32 @@ const FLIGHTS: [&str; 12] = [
     "helicopter-longitudinal-smc",
 ];
 
-/// Every vehicle, and every law: a realtime run without a miss leaves the log of lockstep (`determinism.rs`), so what these
-/// show is that nothing comes late.
+/// Covers every vehicle and every law: a realtime run without a miss leaves the log of lockstep (`determinism.rs`), so
+/// these flights show that nothing is late.
 const IN_REALTIME: [&str; 4] =
     ["quadrotor-smc", "helicopter-hover-lqr", "helicopter-lateral-ppc", "helicopter-longitudinal-smc"];
 
-/// The gust comes at 6 s, and the slowest loop is back 14 s later.
+/// The gust acts at 6 s, and the slowest loop has recovered 14 s later.
 const LONG_ENOUGH_S: &str = "24";
 
-/// Realtime flights that share the machine at a time: they hardly need it, but a late node costs a step.
+/// Number of concurrent realtime flights: they need little processor time, but a late node costs a step.
 const AT_ONCE: usize = 6;
 
-/// How often a realtime flight that the machine held up is flown again, by itself.
+/// Number of times that a realtime flight delayed by the machine is repeated by itself.
 const AGAIN: usize = 3;
 
-/// The realtime flights of one test at a time: late commands are the machine's, and nothing is said here about it.
+/// Realtime flights of one test at a time: late commands are due to the machine, which is not tested here.
 static CLOCK: Mutex<()> = Mutex::new(());
 
 fn start(launch: &str, mode: &str, transport: &str, out: &Path) -> Running {
     let args = ["run", launch, "--mode", mode, "--transport", transport, "--out", out.to_str().unwrap()];
-    // The launch files of the quadrotor end at 12 s, when it has long recovered.
+    // The launch files of the quadrotor end at 12 s, long after its recovery.
     let shorter = (!launch.starts_with("quadrotor")).then_some(["--duration", LONG_ENOUGH_S]);
     spawn(whirlstand(args.into_iter().chain(shorter.into_iter().flatten())))
 }
 
-/// The run ended well, which includes its limits; and these were there, for a vehicle that shook.
+/// Asserts that the run succeeded, including its limits, that these limits exist unless flown by hand, and that a gust
+/// acted.
 #[track_caller]
 fn assert_rejected(what: &str, end: Finished, out: &Path) {
     assert_eq!(end.code(), 0, "{what}\n{}\n{}", end.stdout, end.stderr);
@@ -67,7 +68,7 @@ fn assert_rejected(what: &str, end: Finished, out: &Path) {
     }
 }
 
-/// True when commands came so late that they were lost, or that the plant went into its failsafe.
+/// Whether commands were so late that they were lost, or that the plant went into its failsafe.
 fn held_up(out: &Path) -> bool {
     let timing = &json(out.join("summary.json"))["timing"];
     ["lost", "failsafe_steps"].iter().any(|key| timing[*key].as_u64().expect("a count") > 0)
@@ -80,7 +81,7 @@ struct Flown<'a> {
     out: PathBuf,
 }
 
-/// Flies these, some at a time, and hands each to the judge when it is down.
+/// Flies these in batches, and passes each flight to `judge` once its batch has ended.
 fn fly_all(flights: &'static [&str], mode: &str, transport: &str, dir: &Path, mut judge: impl FnMut(Flown)) {
     for batch in flights.chunks(AT_ONCE) {
         let started: Vec<_> = batch
@@ -90,7 +91,7 @@ fn fly_all(flights: &'static [&str], mode: &str, transport: &str, dir: &Path, mu
                 (launch, start(launch, mode, transport, &out), out)
             })
             .collect();
-        // Only when all are down is one of them flown again, by itself.
+        // All must have ended before one of them is repeated by itself.
         let ended: Vec<_> = started
             .into_iter()
             .map(|(launch, flight, out)| Flown { launch, end: flight.finish(), out })
@@ -106,7 +107,7 @@ fn in_lockstep(transport: &str) {
     });
 }
 
-/// A flight that the machine held up is flown again by itself; what it gives then counts.
+/// A flight that the machine delayed is repeated by itself, and the repetition is judged.
 fn in_realtime(transport: &str) -> Outcome {
     let _alone = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
     let dir = tempfile::tempdir().unwrap();

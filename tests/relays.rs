@@ -1,4 +1,4 @@
-//! Controllers that are no programs of a bench fly through a relay: one in C over UDP, one as it would be in ROS 2.
+//! Controllers that are not nodes of a bench fly through a relay: one in C over UDP, one as it would be in ROS 2.
 
 mod support;
 
@@ -15,7 +15,7 @@ fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// The example, built as its head says, and without a warning.
+/// Builds the example as its header comment says, with warnings as errors.
 fn c_controller(folder: &Path) -> Result<PathBuf, Missing> {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/c/controller.c");
     let program = folder.join("controller");
@@ -38,7 +38,7 @@ fn flight(mode: &str, transport: &str, out: &Path, sets: &[String]) -> Vec<Strin
     arguments
 }
 
-/// The run was flown to its end, and the vehicle came back from the gust at 6 s.
+/// Asserts that the run was flown to its end, and that the vehicle recovered from the gust at 6 s.
 #[track_caller]
 fn flown(out: &Path, stderr: &str) {
     let run = &json(out.join("summary.json"))["runs"][0];
@@ -79,7 +79,7 @@ fn a_controller_may_come_after_the_bench() -> Outcome {
     Ok(())
 }
 
-/// Flies under the controller in ROS 2; how many messages it saw of each topic.
+/// Flies under the controller in ROS 2; returns the number of messages that it received of each topic.
 fn fly_ros_2(mode: &str, duration: &str, out: &Path) -> Result<(serde_json::Value, String), Missing> {
     let python = python_with("rosbags")?;
     let report = out.with_extension("report.json");
@@ -108,14 +108,14 @@ fn a_program_of_ros_2_is_the_controller() -> Outcome {
     let (counts, stderr) = fly_ros_2("lockstep", "12", &out)?;
     flown(&out, &stderr);
     for topic in ["imu", "odom", "tf", "viewer/imu", "viewer/odom"] {
-        // Who only looks on is not waited for: it may be found some steps after the first.
+        // A viewer is not waited for: it may be discovered some steps after the first.
         assert!(counts[topic].as_u64().unwrap_or(0) > 1000, "{topic}: {counts}");
     }
     assert!(stderr.contains("cannot be used"), "nonsense is told: {stderr}");
     Ok(())
 }
 
-/// How well it flies is a matter of the machine's load; that the clock starts, and that commands act, is not.
+/// The quality of the flight depends on the load of the machine; that the clock starts and that commands act does not.
 fn a_program_of_ros_2_is_the_controller_in_real_time() -> Outcome {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");

@@ -1,4 +1,5 @@
-//! What killed launchers leave is ended and removed, and nothing else; full shared memory is told of.
+//! Processes and files left by killed launchers are ended and removed, and nothing else; full shared memory is
+//! reported.
 
 mod support;
 
@@ -25,7 +26,7 @@ tests![
     shared_memory_that_is_full_is_told_of,
 ];
 
-/// Every run tidies up, so no other test may start one while this one looks at what is left.
+/// Every run cleans up, so no other test may start one while this one checks what is left.
 fn alone() -> MutexGuard<'static, ()> {
     static ONE: Mutex<()> = Mutex::new(());
     ONE.lock().unwrap_or_else(PoisonError::into_inner)
@@ -44,8 +45,8 @@ fn children(pid: i32) -> Vec<i32> {
     text.split_whitespace().map(|n| n.parse().unwrap()).collect()
 }
 
-/// Starts benches, and then kills the launchers with all that could tidy up after them, as the kernel does when memory runs
-/// out.
+/// Starts benches, then kills the launchers together with all that could clean up after them, as the kernel does when
+/// memory runs out.
 fn kill_all_of(names: &[&str]) {
     let dirs: Vec<_> = names.iter().map(|_| tempfile::tempdir().unwrap()).collect();
     let mut all: Vec<_> = names.iter().zip(&dirs).map(|(name, dir)| start(name, dir.path())).collect();
@@ -142,7 +143,7 @@ fn keys_of_a_killed_bench_are_listed_and_removed() {
     all_ready(&mut running, NODES);
     let keys = runtime.path().join("whirlstand").join(&bench);
     let show = |place| spawn(command_in(whirlstand(["keys", "show", &bench, "--path"]), place)).finish();
-    // The lock says where they are, so that another shell finds them as well.
+    // The lock records where the keys are, so that another shell finds them as well.
     for place in [Some(runtime.path()), None] {
         assert_eq!(Path::new(show(place).success().stdout.trim()), keys.join("observer.json5"));
     }
@@ -156,7 +157,7 @@ fn keys_of_a_killed_bench_are_listed_and_removed() {
     assert_eq!(entry(&cleaned(&[]), "with-keys").unwrap()["removed"], true);
     assert!(!keys.exists() && residue(&bench).is_empty());
 
-    // Keys whose lock went with the shared memory, as after a start of the machine.
+    // Keys whose lock was lost with the shared memory, as after a reboot.
     std::fs::create_dir(&keys).unwrap();
     std::fs::write(keys.join("observer.json5"), "").unwrap();
     let clean =
@@ -166,7 +167,7 @@ fn keys_of_a_killed_bench_are_listed_and_removed() {
     assert!(!keys.exists());
 }
 
-/// A command in a session of the user whose folder is this one, or in none.
+/// A command in a user session with this runtime folder, or without one.
 fn command_in(mut command: Command, runtime: Option<&Path>) -> Command {
     match runtime {
         Some(runtime) => command.env("XDG_RUNTIME_DIR", runtime),
@@ -175,12 +176,13 @@ fn command_in(mut command: Command, runtime: Option<&Path>) -> Command {
     command
 }
 
-/// What a program does when it is asked to end: says so and ends (without a process of its own for it, which would be asked
-/// to end as well), or nothing, as its child.
+/// Reaction of a program to the request to end: it records the request and ends (without starting a process, which
+/// would be asked to end as well), or it ignores the request, as its child does.
 const ENDS: &str = ": > \"$ASKED\"; exit";
 const STUBBORN: &str = "";
 
-/// A bench with a program that starts a child, and one that leaves its process group, and writes the process numbers of all.
+/// A bench with a program that starts two children, one outside its process group, and writes the process numbers of
+/// all.
 fn with_program(dir: &Path, asked_to_end: &str, then: &str, duration: &str) -> (Command, PathBuf, PathBuf) {
     let (numbers, asked) = (dir.join("numbers"), dir.join("asked"));
     let script = format!(
@@ -203,7 +205,7 @@ fn with_program(dir: &Path, asked_to_end: &str, then: &str, duration: &str) -> (
     (command, numbers, asked)
 }
 
-/// The numbers of the program and of its children.
+/// Process numbers of the program and of its children.
 fn numbers(path: &Path) -> Vec<i32> {
     until("the program was never started", || path.exists());
     let text = std::fs::read_to_string(path).unwrap();
@@ -212,7 +214,7 @@ fn numbers(path: &Path) -> Vec<i32> {
 
 fn children_of_a_program_go_with_its_node() {
     let _alone = alone();
-    // The program ends when it is asked to; before the run does, and leaves its child; not at all until it is killed.
+    // The program ends when asked to; or it ends before the run does and leaves its child; or it ends only when killed.
     for (asked_to_end, then) in [(ENDS, "wait"), (ENDS, "exit 0"), (STUBBORN, "wait")] {
         let dir = tempfile::tempdir().unwrap();
         let (command, path, _) = with_program(dir.path(), asked_to_end, then, "0.5");
@@ -240,7 +242,7 @@ fn a_program_is_asked_to_end_when_the_launcher_is_killed() {
     }
 }
 
-/// Files and folders below a path that somebody else than the user can read, write or enter.
+/// Collects files and folders below a path that users other than its owner can read, write or enter.
 fn open_to_others(path: &Path, found: &mut Vec<PathBuf>) {
     let Ok(metadata) = path.symlink_metadata() else { return };
     if metadata.permissions().mode() & 0o077 != 0 {
@@ -277,13 +279,13 @@ fn only_the_user_can_read_what_a_run_creates() {
     let mut running = spawn(command);
     all_ready(&mut running, NODES);
     let mut open = Vec::new();
-    // What is in a closed folder is closed, whatever its own mode is.
+    // The contents of a closed folder are closed, whatever their own modes.
     let shared = residue(&bench).into_iter().filter(|p| !p.starts_with("/tmp"));
     let places = shared.chain([out.clone(), format!("/tmp/whirlstand.{bench}").into()]);
     // SAFETY: geteuid(2) only reads the process's own user.
     let runtime = format!("/dev/shm/whirlstand-{}", unsafe { libc::geteuid() });
     places.chain([runtime.into()]).for_each(|path| open_to_others(&path, &mut open));
-    // Of iceoryx2's own folder only the door counts.
+    // Of iceoryx2's own folder only the top level counts.
     open.retain(|path| path.parent().is_none_or(|p| !p.starts_with(format!("/tmp/whirlstand.{bench}"))));
     assert_eq!(open, Vec::<PathBuf>::new());
     running.signal(libc::SIGINT);
@@ -293,7 +295,7 @@ fn only_the_user_can_read_what_a_run_creates() {
     assert_eq!(open, Vec::<PathBuf>::new());
 }
 
-/// A run in a mount namespace of its own, whose shared memory has this size.
+/// A run in a mount namespace of its own, with shared memory of this size.
 fn with_shared_memory(size: &str, out: &Path) -> Result<Command, Missing> {
     let small = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm && exec \"$@\"");
     let apart = ["-rm", "sh", "-c", &small, "sh"];

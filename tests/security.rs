@@ -1,5 +1,5 @@
-//! Who can do what to a bench over Zenoh: programs without its key, with the key of another role, with half of a key.
-//! `docs/security.md` says what is shown here.
+//! Access to a bench over Zenoh for programs without its key, with the key of another role, with half of a key. These
+//! tests verify what `docs/security.md` says.
 
 mod support;
 
@@ -17,10 +17,10 @@ use whirlstand_bus::{
 use whirlstand_msgs::{Command, Health, Message, NodeState, Truth};
 use whirlstand_test_harness::{Test, run as run_tests};
 
-/// A number that no bench comes to by itself; it marks what was forged.
+/// A value that no bench produces by itself; it marks forged messages.
 const FORGED: f64 = 777.125;
 
-/// Time between two attempts, so that the attack does not starve what it attacks.
+/// Pause between two attempts, so that the attack does not starve the bench.
 const PAUSE: Duration = Duration::from_millis(2);
 
 fn unique(name: &str) -> String {
@@ -42,7 +42,7 @@ fn await_bench(bench: &str, name: &str) -> (PathBuf, Vec<String>) {
             let path = PathBuf::from(shown.stdout.trim());
             let endpoints = json(&path)["connect"]["endpoints"].as_array().cloned().unwrap_or_default();
             let endpoints: Vec<_> = endpoints.iter().filter_map(|e| e.as_str().map(String::from)).collect();
-            // The launcher is the fifth.
+            // Four nodes and the launcher.
             if endpoints.len() == 5 {
                 return (path, endpoints);
             }
@@ -51,7 +51,7 @@ fn await_bench(bench: &str, name: &str) -> (PathBuf, Vec<String>) {
     }
 }
 
-/// Somebody who publishes what is not theirs.
+/// An attacker that publishes on topics of others.
 struct Forger {
     bus: Bus,
     command: Publisher<Command>,
@@ -74,9 +74,9 @@ impl Forger {
         }
     }
 
-    /// A command for the plant, a truth from the beginning, a health in the plant's name.
+    /// Publishes a command for the plant, a truth of the first step, and a health message in the plant's name.
     fn forge(&mut self, command: bool) {
-        // What it says itself it hears in any case.
+        // A forger always receives its own messages as well.
         while let Ok(Some(truth)) = self.heard.try_recv() {
             self.hears |= truth.x[0] != FORGED;
         }
@@ -97,7 +97,7 @@ impl Forger {
     }
 }
 
-/// Attacks until the run is over.
+/// Attacks until the run has ended.
 fn attack(mut running: Running, forgers: &mut [Forger], command: bool) -> Finished {
     let until = Instant::now() + HUNG;
     while running.is_alive() {
@@ -114,7 +114,7 @@ fn logs(out: &Path) -> Vec<PathBuf> {
     files.filter(|p| p.extension().is_some_and(|e| e == "mcap")).collect()
 }
 
-/// Messages of a log that hold the mark of a forgery.
+/// Number of messages of a log that contain the mark of a forgery.
 fn forged_in(log: &Path) -> usize {
     let bytes = std::fs::read(log).unwrap();
     let mark = FORGED.to_le_bytes();
@@ -163,7 +163,7 @@ fn nobody_else_can_fly_forge_or_kill_a_running_bench() {
     assert_eq!(forged_in(&dir.path().join("log.mcap")), 0);
 }
 
-/// What the test above would look like without protection, and what holds even then.
+/// The attack of the test above without protection, and the guarantees that hold even then.
 fn on_an_open_bench_counts_saturate_files_are_bounded_and_no_node_is_killed() {
     let dir = tempfile::tempdir().unwrap();
     let bench = unique("open");

@@ -1,4 +1,4 @@
-//! What a bench of processes goes through: signals, crashes, hangs, programs that fail.
+//! A bench of processes under signals, crashes, hangs and failing programs.
 
 mod support;
 
@@ -89,7 +89,7 @@ fn the_nodes_of_a_killed_launcher_end_in_order_and_leave_nothing() {
         assert!(end.stderr.contains("was killed: ending its nodes"), "{}", end.stderr);
         pids.into_iter().for_each(gone);
         no_residue("orphans");
-        // The recorder was asked to end and not killed.
+        // The recorder was asked to end, not killed.
         let log = dir.path().join("log.mcap");
         let info = run(["log", "info", log.to_str().unwrap()]).success();
         assert!(info.stdout.contains("complete"), "{}", info.stdout);
@@ -220,7 +220,7 @@ fn two_benches_at_once_do_not_disturb_each_other() {
 #[test]
 fn a_node_that_must_be_killed_at_the_end_is_told_of_once() {
     let dir = tempfile::tempdir().unwrap();
-    // It is ready once it no longer listens.
+    // The program is ready once it ignores SIGTERM.
     let script = "trap '' TERM; echo deaf now; while :; do sleep 1; done";
     let deaf =
         format!("nodes.deaf={{exec=[\"sh\", \"-c\", {script:?}], ready=\"start\", stop_timeout_s=0.2}}");

@@ -1,4 +1,5 @@
-//! The circle: a flight with a hidden delay, its diagnosis, a law that knows of it, and the flight again.
+//! The complete workflow: a flight with a hidden delay, its diagnosis, a law designed for the delay, and the flight
+//! again.
 
 mod support;
 
@@ -12,7 +13,7 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// The quadrotor under LQR, steps of the setpoint and a gust; law and filter do not know of the delay.
+/// The quadrotor under LQR, with setpoint steps and a gust; the law and the estimator do not know of the delay.
 const LAUNCH: &str = "vehicle = 'quadrotor'\nmode = 'lockstep'\nrate_hz = 100.0\nduration_s = 24.0\n\
     [controller]\nlaw = 'lqr'\n\
     [[setpoint]]\nat_s = 1.0\nroll = '8 deg'\n[[setpoint]]\nat_s = 5.0\nroll = '-8 deg'\npitch = '5 deg'\n\
@@ -23,7 +24,7 @@ const LAUNCH: &str = "vehicle = 'quadrotor'\nmode = 'lockstep'\nrate_hz = 100.0\
 
 const HIDDEN: &str = "\n[[effects]]\neffect = 'input_delay'\nwhere = 'u_roll'\ndelay_s = 0.3\n";
 
-/// The draw that is told as the worst, flown over processes: its figures are those of the flight in one thread.
+/// Flies the draw that is reported as the worst over processes: its figures are those of the flight in one thread.
 fn a_draw_is_flown_as_processes_fly_it(answer: &Value, tuned: &Path) {
     let worst = &answer["worst"];
     let ended = run(["run", text(&tuned.join("worst.toml")), "--out", text(&tuned.join("worst"))]).success();
@@ -53,7 +54,7 @@ fn fly(launch: &Path, out: &Path) -> Value {
     json(out.join("summary.json"))["runs"][0]["outputs"]["roll"].clone()
 }
 
-/// A diagnosis takes its time on a busy machine; one that hangs is still ended.
+/// A diagnosis may take long on a busy machine; one that hangs is still killed.
 fn tune(args: &[&str]) -> Finished {
     spawn(whirlstand(args)).finish_within(Duration::from_secs(900)).success()
 }
@@ -89,7 +90,7 @@ fn a_hidden_delay_is_found_designed_for_and_flown_better() {
     assert!(causes.iter().any(|c| c["effect"] == "input_delay" && c["where"] == "u_roll"), "{causes:?}");
     assert_eq!(answer["gain"]["certain"], true, "{}", answer["gain"]);
     assert!(tuned.join("report.html").is_file());
-    // Nearly all is gained that a law gains which knows the truth; what is not certain of it is told.
+    // Nearly the whole gain of a law designed for the truth is reached, and that gain is reported as certain.
     let on_truth = &answer["truth"];
     assert_eq!(on_truth["gain_of_designed"]["certain"], true, "{on_truth}");
     let share = on_truth["share"].as_f64().unwrap();
@@ -97,12 +98,12 @@ fn a_hidden_delay_is_found_designed_for_and_flown_better() {
     for law in ["before", "after"] {
         let lost = &answer[law]["probability_unstable"];
         assert_eq!((lost["count"].as_u64(), lost["of"].as_u64()), (Some(0), Some(40)), "{lost}");
-        // Clopper and Pearson at none of 40.
+        // Clopper-Pearson upper bound for 0 of 40.
         assert!((lost["high"].as_f64().unwrap() - 0.088_1).abs() < 1e-4, "{lost}");
     }
     a_draw_is_flown_as_processes_fly_it(&answer, &tuned);
     let after = fly(&tuned.join("tuned.toml"), &folder.path().join("after"));
-    // After the gust the blind law rings; the one that knows of the delay comes to rest.
+    // After the gust the loop of the blind law rings; that of the law designed for the delay comes to rest.
     let left = |figures: &Value| figures["disturbances"][0]["iae"].as_f64().unwrap();
     println!("roll after the gust, IAE {:.4} -> {:.4} rad s", left(&before), left(&after));
     assert!(left(&after) < left(&before), "{before} {after}");
@@ -113,7 +114,7 @@ fn weights_are_chosen_on_other_draws_than_they_are_judged_on() {
     let folder = tempfile::tempdir().unwrap();
     let (launch, tuned) = (folder.path().join("slow.toml"), folder.path().join("tuned"));
     let plain = LAUNCH.replace("duration_s = 24.0", "duration_s = 22.0").replace(HIDDEN.trim_start(), "");
-    // A regulator that hardly moves its inputs, and a limit that asks for more.
+    // A regulator that hardly moves its inputs, and a limit on the peak that demands more.
     let timid =
         plain.replace("law = 'lqr'", "law = 'lqr'\nr = [1.0, 1.0]") + "[expect]\nroll.peak = '1 deg'\n";
     std::fs::write(&launch, timid).unwrap();
@@ -153,7 +154,8 @@ fn a_flight_as_simulated_keeps_its_law() {
     );
 }
 
-/// The paper's Figure 12: the quadrotor by hand and under sliding mode, roll and pitch of its IMU beside level.
+/// The paper's Figure 12: the quadrotor by hand and under sliding mode, with roll and pitch of its IMU offset from
+/// level.
 #[test]
 fn figure_12_from_a_flight_by_hand_is_held_level() {
     let folder = tempfile::tempdir().unwrap();
@@ -164,7 +166,7 @@ fn figure_12_from_a_flight_by_hand_is_held_level() {
     println!("{told}");
     assert_eq!((&told["schema"], &told["to_gain"]), (&"whirlstand.bench-tune.v1".into(), &1.into()));
     let flown = &told["cells"][0]["result"]["flown"];
-    // What the paper shows: the offset stands in roll and pitch, which the flight by hand tells apart from a lean.
+    // As in the paper, the offset is in roll and pitch, which the flight by hand distinguishes from a real inclination.
     let named: Vec<&str> = flown["named"].as_array().unwrap().iter().map(|n| n.as_str().unwrap()).collect();
     for (place, offset) in [("roll", 3.0), ("pitch", -2.0_f64)] {
         let of =
@@ -173,7 +175,7 @@ fn figure_12_from_a_flight_by_hand_is_held_level() {
         assert!((found.to_degrees() - offset).abs() < 0.1, "{place}: {found} rad");
     }
     assert!(flown["share"].as_f64().unwrap() > 0.9, "{flown}");
-    // The cell is kept, and not flown again.
+    // The cell is stored and not flown again.
     let cells = || std::fs::read_to_string(out.join("cells.jsonl")).unwrap();
     let before = cells();
     let table = run(["bench", "tune", "--only", "figure-12/manual", "--out", text(&out)]).success().stdout;
@@ -190,7 +192,7 @@ fn figure_12_from_a_flight_by_hand_is_held_level() {
     refused(&["bench", "tune", "--table", "--out", text(&out)], &["cells.jsonl, line 1", "to fly it again"]);
 }
 
-/// One cell with every node a process of its own: what is judged is what the logs say.
+/// One cell with every node as a process of its own: the logs are what is judged.
 #[test]
 fn a_cell_is_flown_over_processes() {
     let folder = tempfile::tempdir().unwrap();
@@ -203,12 +205,12 @@ fn a_cell_is_flown_over_processes() {
     assert_eq!((&cell["processes"], &told["to_gain"]), (&"lockstep".into(), &1.into()));
     let flown = &cell["result"]["flown"];
     assert!(flown["share"].as_f64().unwrap() > 0.9, "{flown}");
-    // The table has 4.805 and 3.662 over 40 seeds in one thread.
+    // The table gives costs of 4.805 and 3.662 over 40 seeds in one thread.
     for (law, cost) in [("before", 4.805), ("after", 3.662), ("designed", 3.662)] {
         let found = flown[law]["cost"].as_f64().unwrap();
         assert!((found / cost - 1.0).abs() < 0.05, "{law}: {found}, in one thread {cost}");
     }
-    // Flights in one thread are a table of their own.
+    // Flights in one thread have a table of their own.
     let thread = run(["bench", "tune", "--table", "--out", text(&out)]).success().stdout;
     assert!(thread.contains("0 cells"), "{thread}");
     refused(&[&call[..], &["--seeds", "3"]].concat(), &["--processes"]);

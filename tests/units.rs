@@ -1,4 +1,5 @@
-//! Units never guess: what a user writes without a unit is taken or refused, and everything that comes back carries one.
+//! Units are never guessed: user input without a unit is accepted or refused, and everything that is returned carries
+//! one.
 
 mod support;
 
@@ -35,7 +36,7 @@ fn a_number_without_a_unit_is_answered_with_both_readings() {
     refused(&trim, &["offset is 2 without a unit: 2 rad = 115 deg, or 2 deg", write]);
 }
 
-/// The standard deviation of a bias is that of its sensor, in any of its units.
+/// The standard deviation of a bias may be given in any unit of its sensor.
 #[test]
 fn a_bias_takes_the_unit_of_its_sensor() {
     let dir = tempfile::tempdir().unwrap();
@@ -75,7 +76,7 @@ fn a_delay_that_a_record_is_too_short_for_is_refused() {
     refused(&fitted, &["60 s = 60000 ms", "short.csv lasts 4.99 s"]);
 }
 
-/// Numbers with more digits than were meant, anywhere in a JSON text.
+/// Numbers with rounding noise, that is with more than 14 digits, anywhere in a JSON text.
 fn noisy(text: &str) -> Vec<&str> {
     let digits = |number: &str| number.bytes().filter(u8::is_ascii_digit).count();
     text.split(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '-' | 'e')))
@@ -157,7 +158,7 @@ fn a_designed_flight_is_written_with_units_and_flies() {
     assert_eq!((&gain["unit"], &gain["unit_si"]), (&"deg/s^2".into(), &"rad/s^2".into()));
 }
 
-/// A file that declares rad is answered in rad: on the terminal, on pages, in the log and in the mistakes that are told.
+/// Values of a file that declares rad are shown in rad: on the terminal, on pages, in the log and in error messages.
 #[test]
 fn what_is_shown_is_in_the_unit_that_the_file_declares() {
     let dir = tempfile::tempdir().unwrap();

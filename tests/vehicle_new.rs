@@ -1,4 +1,4 @@
-//! `whirlstand vehicle new` over flights of other people: each log ends in a model whose prediction of held-out data is
+//! `whirlstand vehicle new` on third-party flights: each log yields a model whose prediction of held-out data is
 //! stated, and with which `identify` runs, or is refused for the right reason.
 
 mod support;
@@ -9,7 +9,7 @@ use serde_json::Value;
 use support::{json, run};
 use whirlstand_test_harness::{Outcome, data};
 
-/// Drafts a vehicle, checks what every draft must have, and gives what was found.
+/// Drafts a vehicle, checks what every draft must have, and returns the findings.
 fn drafted(log: &Path, folder: &Path) -> Value {
     let (file, found) = (folder.join("drafted.toml"), folder.join("draft.json"));
     let call = ["vehicle", "new", log.to_str().unwrap(), "--output", file.to_str().unwrap(), "--json"];
@@ -28,7 +28,7 @@ fn drafted(log: &Path, folder: &Path) -> Value {
     found
 }
 
-/// Why a log is refused.
+/// The message that refuses a log.
 fn refused(log: &str) -> Result<String, whirlstand_test_harness::Missing> {
     let path = data()?.join("flights").join(log);
     let finished = run(["vehicle", "new", path.to_str().unwrap()]);
@@ -82,7 +82,7 @@ fn flights_end_in_models_that_identify_takes_as_they_are() -> Outcome {
     for log in ["px4_S250AQ.csv", "px4_AquaQuad.csv", "LOG00037.BFL", "btfl_002.bbl"] {
         let dir = tempfile::tempdir().unwrap();
         let found = drafted(&flights.join(log), dir.path());
-        // An axis is linked to an input that does something to it.
+        // Each axis has an input with a gain above two standard errors.
         for axis in found["axes"].as_array().unwrap() {
             let all = axis["parameters"].as_array().unwrap().iter();
             let mut gains = all.filter(|p| p["name"].as_str().unwrap().starts_with("B["));
@@ -98,13 +98,13 @@ fn flights_end_in_models_that_identify_takes_as_they_are() -> Outcome {
     drafted(&log, dir.path());
     let vehicle = dir.path().join("drafted.toml");
     let call = ["identify", log.to_str().unwrap(), "--vehicle", vehicle.to_str().unwrap()];
-    // What flies in closed loop need not be stable by itself.
+    // A vehicle that flies in closed loop need not be stable in open loop.
     run(call.into_iter().chain(["--to", "20", "--noise", "kalman"])).success();
     Ok(())
 }
 
-/// What changed from sample to sample in flight is no data sheet: the diagnosis fits the noise, also of a file that went through
-/// `identify`, and the extended vehicle keeps what the draft says.
+/// Noise estimated from the changes between samples in flight is not a data sheet value: the diagnosis fits the noise,
+/// also of a file from `identify`, and the extended vehicle keeps what the draft says.
 fn noise_that_was_estimated_in_flight_is_fitted() -> Outcome {
     let log = data()?.join("flights/kd0aij_S250_1kHz_log1.ulg");
     let dir = tempfile::tempdir().unwrap();

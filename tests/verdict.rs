@@ -1,4 +1,4 @@
-//! A run that did not control is not a success, whatever its launch file says or leaves out.
+//! A run in which the vehicle was not controlled is not a success, whatever its launch file states or omits.
 
 mod support;
 
@@ -10,12 +10,12 @@ use support::{Finished, json, run, spawn, whirlstand};
 fn fly_and_signal(node: &str, signal: i32, out: &Path, more: &[&str]) -> Finished {
     let bench = format!("test-verdict-{}-{signal}-{}", std::process::id(), more.len());
     let args = ["run", "quadrotor-lqr", "--duration", "8", "--log-level", "debug", "--bench", &bench];
-    // A node that hangs is otherwise started again.
+    // By default a node that hangs is restarted.
     let patient = ["--set", &format!("nodes.{node}.hang_timeout_s=600"), "--out", out.to_str().unwrap()];
     let mut running = spawn(whirlstand(args.iter().chain(&patient).chain(more)));
     let started = running.wait_for_stderr(&format!("{node} runs as process "));
     let pid: i32 = started.rsplit(' ').next().and_then(|number| number.parse().ok()).expect(&started);
-    // Said every 5 s where there is no terminal.
+    // Printed every 5 s when there is no terminal.
     running.wait_for_stderr("steps/s");
     // SAFETY: kill(2) on a process of a bench that this test has started touches no memory of ours.
     assert_eq!(unsafe { libc::kill(pid, signal) }, 0);
@@ -66,7 +66,7 @@ fn the_rows_of_a_verdict_are_in_the_order_of_their_names() {
             "[[effects]]\neffect = 'pulse_disturbance'\nwhere = '{place}'\nat_s = 1.0\nduration_s = 0.2\nmagnitude = '{size}'\n"
         )
     };
-    // The order of the file is another one, and so is that of the sizes.
+    // The reported order is neither that of the file nor that of the sizes.
     let limits = "[expect]\nu_roll.rms = 0.0\nroll_rate.peak = '0.001 deg/s'\nroll.peak = '0.001 deg'\npitch.peak = '0.001 deg'\n";
     let flight = "vehicle = 'quadrotor'\nmode = 'lockstep'\nduration_s = 3.0\ncontroller.law = 'lqr'\n";
     let gusts = gust("roll_rate", "100 deg/s^2") + &gust("pitch_rate", "50 deg/s^2");

@@ -1,4 +1,4 @@
-//! A bench that stands still says whom it waits for.
+//! A bench that is blocked reports what it waits for.
 
 mod support;
 
@@ -6,7 +6,7 @@ use std::net::{TcpListener, UdpSocket};
 
 use support::{spawn, whirlstand};
 
-/// A port that nobody has.
+/// A TCP port that nobody uses.
 fn free_port() -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
     listener.local_addr().expect("its address").port()

@@ -1,4 +1,4 @@
-//! Stationary autoregressive noise of higher order, with exact prediction from the first sample on.
+//! A stationary autoregressive noise process of order 4 with exact predictors from the first sample on.
 
 use std::f64::consts::TAU;
 
@@ -16,9 +16,10 @@ pub(crate) struct Autoregression {
 }
 
 impl Autoregression {
-    /// The process with two pairs of poles, at these angles (in turns a sample) and radii below 1.
+    /// The process with two pairs of poles, given by their angles (in turns per sample) and their radii,
+    /// below 1.
     ///
-    /// Durbin and Levinson's recursion is run downwards: from the process's own coefficients to its partial
+    /// The Durbin-Levinson recursion is run downwards, from the coefficients of the process to its partial
     /// autocorrelations.
     pub fn of_poles(turns: [f64; 2], radii: [f64; 2]) -> Self {
         let pair = |turns: f64, radius: f64| (2.0 * radius * (TAU * turns).cos(), -radius * radius);
@@ -41,15 +42,15 @@ impl Autoregression {
         Self { predictors, variances }
     }
 
-    /// Prediction for sample `k`, with the latest value first in `past`, and the standard deviation of the
-    /// innovation.
+    /// Prediction of sample `k`, and the standard deviation of its innovation; `past` holds the latest value
+    /// first.
     fn predict(&self, k: usize, past: &[f64; ORDER]) -> (f64, f64) {
         let order = k.min(ORDER);
         let expected = self.predictors[order].iter().zip(past).map(|(a, x)| a * x).sum();
         (expected, self.variances[order].sqrt())
     }
 
-    /// Noise of standard deviation 1.
+    /// Draws noise of standard deviation 1.
     pub fn noise(&self, samples: usize, stream: &mut RandomStream) -> Vec<f64> {
         let mut past = [0.0; ORDER];
         let mut next = |k: usize| {
@@ -61,8 +62,8 @@ impl Autoregression {
         (0..samples).map(&mut next).collect()
     }
 
-    /// Replaces each value of noise of standard deviation `std` by its innovation, divided by the innovation's
-    /// own standard deviation.
+    /// Replaces each value of a noise signal of standard deviation `std` by its innovation divided by the
+    /// innovation's standard deviation.
     pub fn whiten<'a>(&self, signal: impl Iterator<Item = &'a mut f64>, std: f64) {
         let mut past = [0.0; ORDER];
         for (k, x) in signal.enumerate() {

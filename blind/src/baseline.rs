@@ -7,7 +7,7 @@ use super::error::BlindError;
 use super::experiment::Experiment;
 use super::facts::Facts;
 
-/// What the record of an experiment shows of an effect.
+/// Facts, detector and clean record with which effects are compared.
 pub(crate) struct Baseline {
     pub facts: Facts,
     pub detector: Detector,
@@ -25,7 +25,7 @@ impl Baseline {
         })
     }
 
-    /// The difference of two records, whitened and without what the base model can imitate.
+    /// The difference of two records, whitened and without the part that the base model can imitate.
     pub fn signature(&self, with: &[f64], without: &[f64]) -> Vec<f64> {
         self.detector.signature(difference(with, without))
     }
@@ -45,7 +45,8 @@ impl Baseline {
         Detector::new(vehicle, &noise, &experiment.x0, &experiment.commands)
     }
 
-    /// Whether a record stays near the clean one: an effect must not crash the vehicle.
+    /// Whether a record stays within ten times the peak of the clean record; an effect must not crash the
+    /// vehicle.
     pub fn bounded(&self, record: &[f64]) -> bool {
         let p = self.facts.y.len();
         (0..p).all(|i| {
@@ -55,7 +56,7 @@ impl Baseline {
     }
 }
 
-/// What one record has more than another.
+/// The samplewise difference `with` minus `without`.
 pub(crate) fn difference(with: &[f64], without: &[f64]) -> Vec<f64> {
     with.iter().zip(without).map(|(a, b)| a - b).collect()
 }

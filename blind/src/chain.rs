@@ -1,4 +1,4 @@
-//! The path of a command to the vehicle: limits, static effects, rate limit, play, delay.
+//! The path of a command to the vehicle: limits, rate limit, static effects, backlash and delay.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use super::hidden::value;
 use super::out_of_library::{OutOfLibrary, OutOfLibraryEffect};
 use super::signal::Signal;
 
-/// Order of the effects on an input.
+/// Order in which the effects of one input act.
 const ORDER: [Kind; 8] = [
     Kind::InputGain,
     Kind::GainDrift,
@@ -20,11 +20,12 @@ const ORDER: [Kind; 8] = [
     Kind::InputDelay,
 ];
 
-/// What one input passes on its way, piece by piece: whoever gives commands need not know the next one.
+/// The path of the commands of one input, passed piece by piece, so that the caller need not know future
+/// commands.
 pub(crate) struct Chain<'a> {
     limits: &'a Input,
     links: Vec<Link<'a>>,
-    /// Value at which each link ended, once something has passed it.
+    /// Final value of each link's output, `None` before anything has passed the link.
     ends: Vec<Option<f64>>,
 }
 
@@ -37,7 +38,7 @@ enum Link<'a> {
 }
 
 impl<'a> Chain<'a> {
-    /// The chain of input `index`; `effects` are those at this input.
+    /// The path of input `index`; `effects` are the effects at this input.
     pub fn new(
         vehicle: &'a Vehicle,
         index: usize,
@@ -53,16 +54,16 @@ impl<'a> Chain<'a> {
         Self { limits, ends: vec![None; links.len()], links }
     }
 
-    /// Passes the commands of some periods, the first of which begins at `from_s`, to the vehicle. Calls must be
-    /// consecutive in time.
+    /// Passes the commands of successive periods, the first of which begins at `from_s`, to the vehicle.
+    /// Calls must be consecutive in time.
     pub fn pass(&mut self, commands: &[f64], from_s: f64, period_s: f64) -> Signal {
         let held = commands.iter().map(|u| u.max(self.limits.lower).min(self.limits.upper));
         let mut signal = Signal::held(held, period_s, self.limits.neutral()).moved(from_s);
         for (link, end) in self.links.iter().zip(&mut self.ends) {
             let goes_on = end.is_some();
             if let Some(end) = *end {
-                // The last value is the initial state: a limit, a play or a stuck actuator continues from
-                // there.
+                // The link's last value is its initial state: a rate limit, a backlash or a stuck actuator
+                // continues from there.
                 signal = signal.resting(end);
             }
             signal = match link {

@@ -1,4 +1,4 @@
-//! A closed-loop flight: the law's commands depend on the sensors, one step late.
+//! Closed-loop flight: the commands of the control law depend on the sensors, with a delay of one sample.
 
 use whirlstand_vehicle::{Effect, Place, Vehicle};
 
@@ -12,11 +12,11 @@ use super::sense::Sensors;
 use super::signal::Signal;
 use super::truth_model::TruthModel;
 
-/// The commands that a law gives in a flight from `x0` with hidden effects; `noise` is that of the sensors
+/// The commands of a control law in a flight from `x0` with hidden effects; `noise` is the sensor noise
 /// (samples x outputs).
 ///
-/// Flown again in open loop, these commands give the same record, so that closed-loop records are processed like
-/// all others.
+/// Replaying these commands in open loop gives the same record, so closed-loop records are processed like all
+/// others.
 pub(crate) fn commands(
     vehicle: &Vehicle,
     mut law: Law,
@@ -35,7 +35,7 @@ pub(crate) fn commands(
     let mut sensors = Sensors::new(vehicle, samples, period_s, hidden)?;
     let mut flight = Flight::new(&model, x0, period_s, samples);
     let mut given = Commands { period_s, inputs: vec![Vec::with_capacity(samples); chains.len()] };
-    // The first piece of each input that has not begun.
+    // For each input, the index of the first signal piece that has not begun.
     let mut next_piece = vec![0; chains.len()];
     let mut next_time = 0;
     for k in 0..samples {
@@ -48,7 +48,7 @@ pub(crate) fn commands(
             column.push(*u);
             signal.append(&chain.pass(&[*u], start, period_s));
         }
-        // Times just before the end belong to the next period, whose first one they are.
+        // Times just before the end of the period count as the first times of the next period.
         let before = |t: f64| t < end - 1e-10;
         let mut now = Vec::new();
         while times.get(next_time).is_some_and(|t| before(*t)) {

@@ -1,4 +1,4 @@
-//! Commands of a record.
+//! The commands of a record.
 
 /// Commands of a record: one vector for each input, SI, held over each period.
 #[derive(Debug, Clone, PartialEq)]

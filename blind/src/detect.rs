@@ -1,5 +1,5 @@
-//! Detectability of an effect: the change of the record relative to the noise, without the part that the initial
-//! state and the free parameters could imitate. The noise model is the true one.
+//! Detectability of an effect: the change of the record relative to the noise, without the part that the
+//! initial state and the free parameters could imitate. The true noise model is used.
 
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -18,7 +18,7 @@ pub(crate) struct Detector {
 }
 
 impl Detector {
-    /// `x0`: the true initial state.
+    /// Computes the basis; `x0` is the true initial state.
     pub fn new(vehicle: &Vehicle, noise: &Noise, x0: &[f64], commands: &Commands) -> Self {
         let mut detector = Self { noise: noise.clone(), period_s: commands.period_s, base: Vec::new() };
         for column in initial(vehicle, commands).into_iter().chain(free(vehicle, x0, commands)) {
@@ -27,7 +27,7 @@ impl Detector {
             detector.project(&mut column);
             detector.project(&mut column);
             let after = norm(&column);
-            // What is left of a dependent column is rounding.
+            // The remainder of a linearly dependent column is rounding error.
             if after > 1e-8 * before && after > 0.0 {
                 column.iter_mut().for_each(|x| *x /= after);
                 detector.base.push(column);
@@ -36,15 +36,16 @@ impl Detector {
         detector
     }
 
-    /// A change of the record (samples x outputs), whitened to variance 1 and without what the base can do.
+    /// A change of the record (samples x outputs), whitened to variance 1 and without the part that lies in
+    /// the span of the base.
     pub fn signature(&self, change: Vec<f64>) -> Vec<f64> {
         let mut white = self.whitened(change);
         self.project(&mut white);
         white
     }
 
-    /// Detectability of a change of the record that is a random process. The base is not removed: it would mix
-    /// channels, and has no effect that lasts as long.
+    /// Detectability of a change of the record that is a random process. The base is not projected out: the
+    /// projection would mix channels, and no base response lasts as long as the process.
     pub fn random(&self, change: Vec<f64>) -> f64 {
         random_lambda(&self.whitened(change), self.noise.std.len())
     }
@@ -65,17 +66,18 @@ impl Detector {
     }
 }
 
-/// Detectability of a signature.
+/// Detectability of a signature: its squared norm.
 pub(crate) fn lambda(signature: &[f64]) -> f64 {
     dot(signature, signature)
 }
 
-/// Detectability of a random signature of `outputs` channels (samples x outputs), whose course nobody knows beforehand:
-/// twice the log-likelihood that is expected to be gained by who knows its spectrum and how the channels hang together, over
-/// who takes it for more noise of each channel, of the right colour. As the base parameters are taken out of the signature
-/// of a known course, so is here what noise of single channels imitates: in one channel alone it is nothing else. With the
-/// ratios r of signal to noise of the channels, it is the sum of ln(1 + r) over the channels less ln(1 + sum of r), over all
-/// frequencies, twice.
+/// Detectability of a random signature of `outputs` channels (samples x outputs) whose time course is
+/// unknown: twice the expected log-likelihood ratio between a model that knows its spectrum and the
+/// correlation of its channels and a model that takes it for additional independent noise of each channel,
+/// with the right spectrum. Noise of single channels is thereby removed, as the base parameters are removed
+/// from a known signature; a signature in one channel alone has detectability 0. With the signal-to-noise
+/// ratios r of the channels, it is twice the sum, over all frequencies, of (sum of ln(1 + r) over the
+/// channels) - ln(1 + sum of r).
 fn random_lambda(signature: &[f64], outputs: usize) -> f64 {
     let samples = signature.len() / outputs.max(1);
     if samples < 16 {
@@ -88,7 +90,7 @@ fn random_lambda(signature: &[f64], outputs: usize) -> f64 {
         let mut buffer: Vec<Complex<f64>> = column.map(|w| Complex::new(*w, 0.0)).collect();
         fft.process(&mut buffer);
         let power: Vec<f64> = buffer[..samples / 2].iter().map(|b| b.norm_sqr() / samples as f64).collect();
-        // Averaged over neighbours: one record's lines are not its spectrum.
+        // The periodogram is averaged over neighbouring frequencies to estimate the spectrum.
         for (k, joint) in joint.iter_mut().enumerate() {
             let reach = 4.max(k / 8);
             let around = &power[k.saturating_sub(reach)..(k + reach + 1).min(power.len())];
@@ -114,7 +116,7 @@ pub(crate) fn norm(a: &[f64]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Response of the record to a unit of each initial state.
+/// Response of the record to a unit value of each initial state.
 fn initial(vehicle: &Vehicle, commands: &Commands) -> Vec<Vec<f64>> {
     let n = vehicle.states.len();
     let none = Commands {
@@ -126,7 +128,8 @@ fn initial(vehicle: &Vehicle, commands: &Commands) -> Vec<Vec<f64>> {
     (0..n).map(|i| recursion.outputs(&vehicle.c, &vehicle.d, &unit(i), &none)).collect()
 }
 
-/// Response of the record to a small change of each free entry, without the free parameters of effects.
+/// Sensitivity of the record to each free matrix entry (forward difference); free parameters of effects are
+/// left out.
 fn free(vehicle: &Vehicle, x0: &[f64], commands: &Commands) -> Vec<Vec<f64>> {
     if vehicle.free.is_empty() {
         return Vec::new();
@@ -161,11 +164,11 @@ mod tests {
         for size in [3.0f64, 1.0, 0.3] {
             let signature: Vec<f64> = white.iter().map(|w| size * w).collect();
             let r = size * size;
-            // Half as many frequencies as samples of a channel.
+            // A channel has half as many frequencies as samples.
             let expected = 2.0 * 2000.0 * (2.0 * r.ln_1p() - (2.0 * r).ln_1p());
             let two = random_lambda(&signature, 2);
             assert!((two / expected - 1.0).abs() < 0.1, "{size}: {two} {expected}");
-            // What only one channel shows is noise of that channel.
+            // A signature in only one channel is indistinguishable from noise of that channel.
             let one: Vec<f64> = white.iter().flat_map(|w| [size * w, 0.0]).collect();
             assert!(random_lambda(&one, 2).abs() < 1e-6 * lambda(&one));
         }

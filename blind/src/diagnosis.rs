@@ -1,5 +1,5 @@
-//! A diagnosis read from its JSON (`whirlstand.diagnosis.v1`), so that the judged data are those that a user would
-//! read.
+//! A diagnosis, read from its JSON (`whirlstand.diagnosis.v1`), so that the judged data are those that a user
+//! would read.
 
 use std::collections::BTreeMap;
 
@@ -9,30 +9,30 @@ use serde_json::Value;
 /// A diagnosis.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Diagnosis {
-    /// consistent, explained, partly_explained, unexplained or inconclusive.
+    /// One of: consistent, explained, partly_explained, unexplained, inconclusive.
     pub verdict: String,
-    /// Accepted causes, the first one first.
+    /// Accepted causes, in the order of the diagnosis.
     #[serde(default)]
     pub causes: Vec<Cause>,
-    /// Figures of every output.
+    /// Error figures of every output.
     #[serde(default)]
     pub outputs: BTreeMap<String, OutputFigures>,
-    /// The part of the record that was not used.
+    /// The part of the record that is held out from the identification.
     pub heldout: Option<Heldout>,
 }
 
 /// A named cause.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Cause {
-    /// Effect.
+    /// Name of the effect.
     pub effect: String,
-    /// Place.
+    /// Place at which the effect acts.
     #[serde(rename = "where")]
     pub place: String,
-    /// Numbers with their intervals; texts, such as `to`, as they are.
+    /// Parameters by name: numbers with their intervals, and texts, such as `to`, unchanged.
     #[serde(default)]
     pub parameters: BTreeMap<String, Value>,
-    /// Vehicle of a mode transition, where it does not stand among the parameters.
+    /// Target vehicle of a mode transition, where it is not among the parameters.
     #[serde(default)]
     pub to: Option<String>,
     /// Causes that this record cannot distinguish from this one.
@@ -47,14 +47,14 @@ pub(crate) struct Estimate {
     pub interval: Option<(f64, f64)>,
 }
 
-/// Figures of an output, SI.
+/// Error figures of an output, SI.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct OutputFigures {
     /// Root mean square of the held-out error of the extended vehicle.
     pub rmse_after: Option<f64>,
 }
 
-/// From when to when, s.
+/// Held-out time span, s.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct Heldout {
     /// Start, s.
@@ -64,7 +64,7 @@ pub struct Heldout {
 }
 
 impl Cause {
-    /// A number among the parameters: plain, or with an interval.
+    /// The numeric parameter `name`, with its interval if the JSON gives one.
     pub(crate) fn estimate(&self, name: &str) -> Option<Estimate> {
         let entry = self.parameters.get(name)?;
         if let Some(value) = entry.as_f64() {
@@ -74,7 +74,7 @@ impl Cause {
         Some(Estimate { value: field("value")?, interval: field("low").zip(field("high")) })
     }
 
-    /// The vehicle of a mode transition.
+    /// The target vehicle of a mode transition.
     pub(crate) fn successor(&self) -> Option<&str> {
         let listed = self.parameters.get("to").and_then(|t| t.as_str().or_else(|| t.get("value")?.as_str()));
         self.to.as_deref().or(listed)

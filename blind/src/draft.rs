@@ -1,4 +1,4 @@
-//! An effect of the table at a drawn place, with a range of sizes that a user would meet.
+//! Draws an effect of the table at a random place, with a realistic range of sizes.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,17 +10,17 @@ use super::ranges::{EffectRanges, Interval};
 use super::sense::Noise;
 use super::vehicles::HELICOPTERS;
 
-/// An effect whose size is still open.
+/// An effect whose size is not yet chosen.
 pub(crate) struct Draft {
-    /// Least and greatest size; what a size is depends on the effect.
+    /// Least and greatest size; the meaning of the size depends on the effect.
     pub sizes: Interval,
-    /// The size is drawn from the range, not chosen for a detectability.
+    /// Whether the size is drawn from the range instead of chosen for a detectability.
     pub fixed: bool,
     build: Box<dyn Fn(f64) -> Result<Effect, EffectError>>,
 }
 
 impl Draft {
-    /// The effect at a size.
+    /// The effect with the size `size`.
     pub fn at(&self, size: f64) -> Result<Effect, EffectError> {
         (self.build)(size)
     }
@@ -28,7 +28,8 @@ impl Draft {
 
 type Parameters = Vec<(&'static str, f64)>;
 
-/// Draws place and all but the size; `None` where the vehicle has no place for such an effect.
+/// Draws the place and all parameters except the size; `None` where the vehicle has no place for such an
+/// effect.
 pub(crate) fn draft(
     kind: Kind,
     vehicle: &Vehicle,
@@ -120,7 +121,7 @@ fn input(
                 vec![("lower", low * (1.0 - (s * lean).min(0.9))), ("upper", high * (1.0 - s))]
             })
         }
-        // The size is the time from stop to stop.
+        // The size is the time of a full-range move.
         Kind::RateLimit => {
             sized(kind, place, ranges.rate_limit_s, move |s| vec![("limit_per_s", (high - low) / s)])
         }
@@ -131,7 +132,7 @@ fn input(
             let pair = format!("{place}->{onto}");
             sized(kind, &pair, ranges.input_coupling, move |s| vec![("coefficient", side * s)])
         }
-        // The size is the period.
+        // The size is the period of the mode.
         _ => {
             let damping = stream.scaled_within(ranges.mode_damping);
             let gain =
@@ -187,7 +188,7 @@ fn motion(
             })
         }
         Kind::CubicStiffness => {
-            // A spring acts from a position onto its own rate where there is such a pair.
+            // A spring acts from a position onto its rate, where the vehicle has such a pair of states.
             let positions: Vec<usize> =
                 (0..facts.x.len()).filter(|j| *j != i && vehicle.a[(*j, i)] == 1.0).collect();
             let from = stream.one_of(&positions).copied().unwrap_or(i);
@@ -236,7 +237,7 @@ fn transition(
     let others: Vec<&str> = HELICOPTERS.into_iter().filter(|h| *h != vehicle.name).collect();
     let to = (*stream.one_of(&others)?).to_string();
     let length_s = facts.length_s;
-    // The size is the share of the record that it leaves for the other mode.
+    // The size is the share of the record after the transition.
     let build = move |s: f64| Effect::mode_transition(length_s * (1.0 - s), &to);
     Some(Draft { sizes: ranges.mode_transition, fixed: false, build: Box::new(build) })
 }
@@ -274,7 +275,8 @@ fn sensor(
                 vec![("frequency_hz", hz), ("amplitude", s * own), ("phase_rad", phase)]
             })
         }
-        // As a cause it is more than twice what is declared. The size is the whole, in declared ones.
+        // The size is the total noise relative to the declared one; noise is a cause above twice the
+        // declared.
         Kind::Noise => fixed(sized(kind, place, ranges.noise, move |s| {
             vec![("std", (s * s * declared * declared - own * own).sqrt())]
         })),
@@ -301,7 +303,7 @@ fn sensor(
     })
 }
 
-/// A tone mostly below half the sampling rate, sometimes beyond it, where it is seen under another frequency.
+/// The frequency of a tone, mostly below half the sampling rate, sometimes above it, where it is aliased.
 fn tone(rate_hz: f64, ranges: &EffectRanges, stream: &mut RandomStream) -> f64 {
     loop {
         let share = if stream.chance(ranges.vibration_below_half) {
@@ -310,14 +312,14 @@ fn tone(rate_hz: f64, ranges: &EffectRanges, stream: &mut RandomStream) -> f64 {
             stream.within(ranges.vibration_high)
         };
         let folded = (share - share.round()).abs();
-        // Nothing can be told of a tone that stands still in the samples.
+        // A tone that is aliased to nearly zero or nearly half the sampling rate cannot be identified.
         if (0.04..0.46).contains(&folded) {
             return share * rate_hz;
         }
     }
 }
 
-/// Two angles measured by one instrument, or else any two outputs of one unit.
+/// Two angles whose rates are measured too if there are such, or else any two outputs of one unit.
 fn turnable(vehicle: &Vehicle, stream: &mut RandomStream) -> Option<String> {
     let name = |i: usize| vehicle.outputs[i].name.as_str();
     let rated = |i: usize| vehicle.output_index(&format!("{}_rate", name(i))).is_some();
@@ -337,7 +339,7 @@ fn turnable(vehicle: &Vehicle, stream: &mut RandomStream) -> Option<String> {
     stream.one_of(&pairs).map(|p| p.1.clone())
 }
 
-/// An angle brought to (-pi, pi].
+/// An angle wrapped to (-pi, pi].
 pub(crate) fn wrapped(angle: f64) -> f64 {
     angle - TAU * (angle / TAU - 0.5).ceil()
 }

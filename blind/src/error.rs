@@ -1,25 +1,25 @@
-//! Why a trial cannot be made.
+//! Reasons why a trial cannot be made.
 
-/// Why a trial cannot be made.
+/// Reason why a trial cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum BlindError {
-    /// An effect, or the vehicle that it names, does not fit.
+    /// An effect, or the vehicle that it names, does not fit the experiment.
     #[error("{0}")]
     Effect(String),
-    /// Without noise there is no detectability.
+    /// Without declared noise, detectability is not defined.
     #[error(
         "the vehicle '{vehicle}' declares no noise for its output '{output}', but blind trials need the noise of every sensor: add noise = ... to [[outputs]]"
     )]
     NoNoise {
-        /// The vehicle.
+        /// Name of the vehicle.
         vehicle: String,
-        /// Its output.
+        /// Name of its output.
         output: String,
     },
-    /// The motion left all bounds.
+    /// The simulated motion diverges.
     #[error("the simulation of the vehicle diverges at {at_s:.2} s under this excitation")]
     Diverged {
-        /// When, s.
+        /// Time of the divergence, s.
         at_s: f64,
     },
 }

@@ -1,4 +1,4 @@
-//! Kinds of commands that a pilot or a test engineer would give.
+//! The kinds of excitation that a pilot or a test engineer would use.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,26 +6,26 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Excitation {
-    /// A step to each side, one input after the other, again and again.
+    /// Doublets (a step to each side), one input after the other, repeated.
     Doublets,
-    /// Steps of 3, 2, 1 and 1 units of time to alternating sides.
+    /// Steps of 3, 2, 1 and 1 time units with alternating sign.
     Steps3211,
-    /// Steps of drawn number, lengths and heights to alternating sides.
+    /// Steps of random number, lengths and heights with alternating sign.
     Multisteps,
-    /// Sine whose frequency rises or falls in its logarithm.
+    /// Sine sweep whose frequency varies exponentially with time, upwards or downwards.
     Sweep,
-    /// Sine whose frequency rises or falls in proportion to time.
+    /// Sine sweep whose frequency varies linearly with time, upwards or downwards.
     Chirp,
-    /// Pseudo-random binary sequence: at every unit of time to one side or the other.
+    /// Pseudo-random binary sequence: the sign is chosen anew at every time unit.
     Prbs,
-    /// Band-limited random motion, as of a pilot's hand.
+    /// Band-limited random commands, like those of a pilot.
     Pilot,
-    /// Given by the user.
+    /// Excitation given by the user.
     Given,
 }
 
 impl Excitation {
-    /// Name, for tables.
+    /// Name of the excitation, for tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Doublets => "doublets",

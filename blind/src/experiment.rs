@@ -1,4 +1,4 @@
-//! The experiment of a trial: vehicle, excitation, noise and initial state; and the records that it gives.
+//! The experiment of a trial (vehicle, excitation, noise and initial state), and its simulated records.
 
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
@@ -24,22 +24,22 @@ use super::vehicles::{self, Nominal, without_noise};
 /// The parts of an experiment that the user supplies.
 #[derive(Debug, Clone, Default)]
 pub struct Setting {
-    /// The user's vehicle, instead of drawn ones.
+    /// The user's vehicle, used instead of drawn ones.
     pub vehicle: Option<Vehicle>,
-    /// His excitation, one vector for each input of the vehicle.
+    /// The user's excitation, one vector for each input of the vehicle.
     pub commands: Option<Commands>,
-    /// Shortest and longest drawn record, s, instead of the generator's.
+    /// Shortest and longest drawn record, s, replacing the generator's range.
     pub lengths_s: Option<(f64, f64)>,
-    /// Sampling rates that are drawn from, Hz, instead of the generator's; at least one.
+    /// Sampling rates to draw from, Hz, replacing the generator's; at least one.
     pub rates_hz: Option<Vec<f64>>,
 }
 
-/// The law of a closed loop, and its reference.
+/// The control law of a closed loop, and its reference.
 #[derive(Debug, Clone)]
 pub(crate) struct Control {
-    /// Before its first sample.
+    /// The law in its initial state.
     pub law: Law,
-    /// The reference: commands without feedback.
+    /// The reference: the commands of the loop without feedback.
     pub reference: Commands,
     /// Whether the vehicle file states the sensor noise.
     noise_declared: bool,
@@ -57,9 +57,9 @@ pub(crate) struct Experiment {
     pub share: Option<f64>,
     pub noise: Noise,
     pub spectrum: Spectrum,
-    /// The law that flies the vehicle, in a closed loop.
+    /// The control law of a closed-loop experiment; `None` in open loop.
     pub control: Option<Control>,
-    /// Initial state in units of each state's motion.
+    /// Initial states, each relative to the rms of its state's motion.
     start: Vec<f64>,
     pub x0: Vec<f64>,
 }
@@ -67,7 +67,7 @@ pub(crate) struct Experiment {
 impl Experiment {
     /// Draws an experiment.
     pub fn draw(plan: &Plan, setting: &Setting, stream: &mut RandomStream) -> Result<Self, BlindError> {
-        // What a change of free parameters could imitate shall not be hidden among them.
+        // Effects that a change of free parameters could imitate are not combined with free parameters.
         let confounded = [
             Kind::ParameterChange,
             Kind::InputGain,
@@ -109,7 +109,8 @@ impl Experiment {
         let start = (0..nominal.vehicle.states.len())
             .map(|_| if moving { ranges.vehicles.start_spread * stream.normal() } else { 0.0 })
             .collect();
-        // Nothing is drawn where there is no choice, so that the reference generator's trials stay the same.
+        // No number is drawn where there is no choice, so that the reference generator's trials stay the
+        // same.
         let dryden = ranges.effects.dryden > 0.0 && stream.chance(ranges.effects.dryden);
         let spectrum = if dryden { Spectrum::Dryden } else { Spectrum::FirstOrder };
         let mut experiment = Self {
@@ -132,8 +133,9 @@ impl Experiment {
         Ok(experiment)
     }
 
-    /// Puts a law between the drawn commands and the vehicle. In half of the trials the vehicle file does not
-    /// state the sensor noise: the law's reaction to noise must not be attributed to the vehicle.
+    /// Closes the loop: the drawn commands become the reference of a control law. In half of the trials the
+    /// vehicle file does not state the sensor noise: the law's reaction to noise must not be attributed to
+    /// the vehicle.
     fn close_loop(&mut self, plan: &Plan) -> Result<(), BlindError> {
         let vehicle = &self.nominal.vehicle;
         let rms = |values: &mut dyn Iterator<Item = f64>| {
@@ -154,7 +156,7 @@ impl Experiment {
                 vehicle.name
             ))
         })?;
-        // Noise as an effect is noise beyond the declared one, so there it must be declared.
+        // Noise as an effect is noise beyond the declared level, so it requires a declared level.
         let noise_declared =
             plan.effects.contains(&Kind::Noise) || RandomStream::new(plan.number, "declared").chance(0.5);
         if !noise_declared {
@@ -165,7 +167,8 @@ impl Experiment {
         Ok(())
     }
 
-    /// The commands of a flight with these effects: the drawn ones, or those of the law.
+    /// The commands of a flight with these effects: the drawn ones, or in closed loop those of the control
+    /// law.
     pub fn commanded(
         &self,
         effects: &[Effect],
@@ -178,12 +181,12 @@ impl Experiment {
         closed_loop::commands(&self.nominal.vehicle, law.clone(), reference, &self.x0, &noise, hidden)
     }
 
-    /// Whether the vehicle file says how noisy the sensors are.
+    /// Whether the vehicle file states the sensor noise.
     pub fn declares_noise(&self) -> bool {
         self.control.as_ref().is_none_or(|control| control.noise_declared)
     }
 
-    /// The initial state follows the size of the motion.
+    /// Scales the initial state to the root mean square of each state's motion.
     fn place_start(&mut self) {
         let n = self.start.len();
         self.x0 = vec![0.0; n];
@@ -202,7 +205,7 @@ impl Experiment {
         }
     }
 
-    /// Scales the commands by `factor` within their limits; false when they hardly change.
+    /// Scales the commands by `factor` within their limits; false when the scaling would hardly change them.
     pub fn rescale(&mut self, factor: f64) -> bool {
         let Some(share) = self.share else { return false };
         let (least, most) = self.ranges.excitation.share_limits;
@@ -220,7 +223,7 @@ impl Experiment {
         true
     }
 
-    /// The record with these effects: samples x outputs.
+    /// The simulated record with these effects (samples x outputs).
     pub fn record(
         &self,
         effects: &[Effect],
@@ -232,7 +235,7 @@ impl Experiment {
         self.sensed(hidden, Some(&noise))
     }
 
-    /// The record without random parts and rounding.
+    /// The record with these effects, without random parts and rounding.
     pub fn expected(
         &self,
         effects: &[Effect],
@@ -252,8 +255,8 @@ impl Experiment {
     }
 }
 
-/// Noise around the declared size. All colours are drawn and one is taken, so that it decides nothing else of the trial;
-/// those of clean records take turns.
+/// Draws sensor noise around the declared level. All colours are drawn and one is selected, so that the
+/// selection does not affect the rest of the trial; clean records use the colours in turn.
 fn draw_noise(plan: &Plan, vehicle: &Vehicle, period_s: f64, stream: &mut RandomStream) -> Noise {
     let ranges = &plan.generator.ranges().noise;
     let drawn = stream.below(ranges.colours.len());

@@ -1,4 +1,4 @@
-//! Properties of a nominal flight: the sizes relative to which effects are drawn.
+//! Properties of a nominal flight, which set the scales of the drawn effects.
 
 use whirlstand_vehicle::Vehicle;
 
@@ -9,21 +9,21 @@ use super::motion::fly;
 use super::truth_model::TruthModel;
 use super::turbulence::Spectrum;
 
-/// Sizes of a flight without hidden effects.
+/// Signal sizes of a flight without hidden effects.
 pub(crate) struct Facts {
     pub length_s: f64,
     pub period_s: f64,
-    /// Least and greatest value of each input, each output and each state.
+    /// Range of each input; `y` and `x` hold those of the outputs and the states.
     pub u: Vec<Range>,
     pub y: Vec<Range>,
     pub x: Vec<Range>,
-    /// Root mean square of each state's derivative's parts: how hard it is driven.
+    /// Root mean square of the terms of each state's derivative, summed in quadrature.
     pub force: Vec<f64>,
     /// States whose derivative is not just another state.
     pub dynamic: Vec<usize>,
 }
 
-/// How far a signal goes.
+/// Least and greatest value of a signal, and its rms.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Range {
     pub low: f64,
@@ -42,19 +42,19 @@ impl Range {
         Self { low, high, rms: (square / f64::from(count.max(1))).sqrt() }
     }
 
-    /// Largest magnitude.
+    /// Largest magnitude of the signal.
     pub fn peak(&self) -> f64 {
         self.high.max(-self.low)
     }
 
-    /// Goes to both sides by similar amounts.
+    /// Whether the smaller side exceeds 0.3 of the peak.
     pub fn two_sided(&self) -> bool {
         self.high.min(-self.low) > 0.3 * self.peak()
     }
 }
 
 impl Facts {
-    /// Simulates the vehicle without hidden effects.
+    /// Simulates the vehicle without hidden effects and measures its signals.
     pub fn new(vehicle: &Vehicle, commands: &Commands, x0: &[f64]) -> Result<Self, BlindError> {
         let hidden =
             Hidden { effects: &[], outside: None, expected: true, spectrum: Spectrum::FirstOrder, trial: 0 };
@@ -85,7 +85,7 @@ impl Facts {
     }
 }
 
-/// States with more than one term in their row: forces act there, not where a rate is integrated.
+/// States with more than one term in their rows of A and B: forces act on these, not on integrals of a rate.
 pub(crate) fn dynamic(vehicle: &Vehicle) -> Vec<usize> {
     let terms =
         |i: usize| vehicle.a.row(i).iter().chain(vehicle.b.row(i).iter()).filter(|v| **v != 0.0).count();

@@ -1,4 +1,4 @@
-//! The two generators of trials, which differ in their ranges only.
+//! The two generators of trials, which differ only in their ranges.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,13 +13,13 @@ pub enum Generator {
     /// The ranges against which the diagnosis was developed.
     #[default]
     Reference,
-    /// Other noise, vehicles, excitation, sizes, and other effects outside the table: a diagnosis that was fitted
-    /// to the reference ranges has no advantage here.
+    /// Different noise, vehicles, excitation, sizes and effects outside the table: a diagnosis that was
+    /// fitted to the reference ranges has no advantage here.
     Shifted,
 }
 
 impl Generator {
-    /// Name on the command line.
+    /// Name of the generator on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Reference => "reference",

@@ -10,15 +10,15 @@ use super::turbulence::Spectrum;
 pub(crate) struct Hidden<'a> {
     pub effects: &'a [Effect],
     pub outside: Option<&'a OutOfLibraryEffect>,
-    /// Whether random parts are left out: turbulence, noise, dropouts, outliers, rounding.
+    /// Whether random parts (turbulence, noise, dropouts, outliers) and rounding are left out.
     pub expected: bool,
-    /// Spectrum of turbulence.
+    /// Spectrum of the turbulence.
     pub spectrum: Spectrum,
-    /// Trial whose random streams are used.
+    /// Number of the trial, which selects the random streams.
     pub trial: u64,
 }
 
-/// A parameter that the table guarantees.
+/// The value of a parameter that every effect of this kind has.
 pub(crate) fn value(effect: &Effect, name: &str) -> f64 {
     effect.parameter(name).unwrap_or(0.0)
 }

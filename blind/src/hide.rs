@@ -13,25 +13,25 @@ use super::out_of_library_draft;
 use super::plan::Plan;
 use super::random::RandomStream;
 
-/// An experiment with the effects that are hidden in it.
+/// An experiment and the effects that are hidden in it.
 pub(crate) struct HiddenTruth {
     pub experiment: Experiment,
     pub effects: Vec<Effect>,
     pub outside: Option<OutOfLibraryEffect>,
-    /// Detectability of each.
+    /// Detectability of each hidden effect.
     pub lambdas: Vec<f64>,
     /// For an effect outside the table: the most similar effect of the table, and their similarity.
     pub nearest: Option<(String, f64)>,
 }
 
-/// Similarity to an effect of the table from which an effect outside the table is drawn anew.
+/// Similarity to an effect of the table above which an effect outside the table is rejected and drawn anew.
 const TOO_SIMILAR: f64 = 0.9;
 
 impl HiddenTruth {
-    /// The experiment as a law flies it: with the hidden effects, the law gives other commands than without.
-    /// `None` where the record then no longer shows them.
+    /// Flies a closed-loop experiment again with the hidden effects, since the control law then gives other
+    /// commands. `None` where the effects are no longer detectable in the record.
     pub fn flown(mut self) -> Result<Option<Self>, BlindError> {
-        // A relay keeps its side from one period to the next, which a chain of single periods does not.
+        // A relay keeps its state from one period to the next; a chain of single periods does not.
         let relay = self.outside.as_ref().is_some_and(|o| o.kind == OutOfLibrary::InputRelay);
         if self.experiment.control.is_none() {
             return Ok(Some(self));
@@ -68,10 +68,10 @@ impl HiddenTruth {
     }
 }
 
-/// Least number of values of a rounded channel: with fewer it acts as a switch, or stands still.
+/// Least number of distinct values of a quantized channel: with fewer it acts as a switch or is constant.
 const LEVELS: usize = 4;
 
-/// Whether a rounded channel of a record still moves from level to level.
+/// Whether the quantized channel of a record still takes at least `LEVELS` distinct values.
 fn moves(effect: &Effect, vehicle: &Vehicle, record: &[f64]) -> bool {
     if effect.kind() != Kind::Quantization {
         return true;
@@ -82,13 +82,13 @@ fn moves(effect: &Effect, vehicle: &Vehicle, record: &[f64]) -> bool {
     levels.len() >= LEVELS
 }
 
-/// A size of an effect, and the detectability that it gives.
+/// A size of an effect, and the detectability at this size.
 struct FittedSize {
     size: f64,
     lambda: f64,
 }
 
-/// The size within its range whose detectability comes nearest to the target.
+/// Iterates on the size within its range until the detectability is near the target.
 fn fit(
     sizes: (f64, f64),
     target: f64,
@@ -119,18 +119,18 @@ fn fit(
     unreachable!("the loop ends by its own rounds")
 }
 
-/// Detectability of an effect from its change of the record.
+/// Detectability of an effect, computed from its change of the record.
 fn detectability(kind: Kind, detector: &Detector, change: Vec<f64>) -> f64 {
     if kind == Kind::Turbulence { detector.random(change) } else { lambda(&detector.signature(change)) }
 }
 
-/// A factor for the commands that would bring the detectability to the target, where the size could not.
+/// A factor on the commands that would bring the detectability to the target, where the size alone could not.
 fn command_factor(lambda: f64, target: f64) -> Option<f64> {
     let ratio = target / lambda.max(1e-9);
     (!(0.3..3.0).contains(&ratio)).then(|| ratio.sqrt().clamp(0.1, 10.0))
 }
 
-/// Draws an effect's place and sizes it; `None` where the vehicle has no place for it.
+/// Draws an effect's place and fits its size; `None` where the vehicle has no place for it.
 fn place(
     kind: Kind,
     experiment: &Experiment,
@@ -149,7 +149,7 @@ fn place(
         return Ok(None);
     };
     let fixed = stream.scaled(draft.sizes.0, draft.sizes.1);
-    // Not every effect is as small as the record can show: some are plain, and the flight is gentle.
+    // The lower limit is drawn, so that some effects are large and the excitation small instead.
     let (least, most) = draft.sizes;
     let sizes = (stream.scaled(least, (least * least * most).cbrt()), most);
     let of = |size: f64| at(&draft, size);
@@ -171,7 +171,7 @@ fn at(draft: &Draft, size: f64) -> Result<Effect, BlindError> {
     draft.at(size).map_err(BlindError::effect)
 }
 
-/// Hides the plan's effect; `None` when this experiment has no place for it or cannot show it.
+/// Hides the plan's effect; `None` when the experiment has no place for it or cannot show it.
 pub(crate) fn single(
     plan: &Plan,
     mut experiment: Experiment,
@@ -207,7 +207,7 @@ pub(crate) fn single(
     Ok(None)
 }
 
-/// Hides the plan's two effects so that neither masks the other.
+/// Hides the plan's two effects such that neither masks the other.
 pub(crate) fn pair(
     plan: &Plan,
     mut experiment: Experiment,
@@ -256,7 +256,7 @@ fn joint_detectability(
     both: &[f64],
 ) -> Result<Option<[f64; 2]>, BlindError> {
     if !scatters(one) && !scatters(two) {
-        // Each as it acts where the other is.
+        // The change of each effect in the presence of the other.
         let of_one = difference(both, &experiment.record(std::slice::from_ref(two), None)?);
         let of_two = difference(both, &experiment.record(std::slice::from_ref(one), None)?);
         let masked =
@@ -266,7 +266,8 @@ fn joint_detectability(
         };
         return Ok((masked <= 0.7).then(|| [own(one, of_one), own(two, of_two)]));
     }
-    // What scatters single samples is to the other one more noise, and shows by itself.
+    // An effect that scatters single samples counts as additional noise for the other, and is detectable by
+    // itself.
     let own = |of: &Effect, other: &Effect| -> Result<f64, BlindError> {
         let record = experiment.record(std::slice::from_ref(of), None)?;
         Ok(detectability(

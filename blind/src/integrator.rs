@@ -1,17 +1,17 @@
-//! Numerical integration: the classical Runge-Kutta method between discontinuities; dry friction is located
-//! where it stops the motion.
+//! Numerical integration: the classical Runge-Kutta method between discontinuities; the times at which dry
+//! friction stops the motion are located.
 
 use super::signal::Signal;
 use super::truth_model::{Filter, Force, TruthModel};
 
-/// A signal over the present interval.
+/// A signal that is linear over the present interval.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Line {
     pub value: f64,
     pub slope: f64,
 }
 
-/// State of dry friction: moving to one side, or stuck.
+/// State of dry friction: moving in one direction, or stuck.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Contact {
     Forward,
@@ -19,18 +19,18 @@ enum Contact {
     Stuck,
 }
 
-/// The state of a model on its way.
+/// Integrates the state of a model over time.
 pub(crate) struct Integrator<'a> {
     model: &'a TruthModel,
-    /// Which of the model's stages holds.
+    /// Index of the model's active stage.
     pub stage: usize,
-    /// Inputs and pushes over the interval that begins at `start`.
+    /// Start of the present interval; `inputs` and `pushes` hold over it.
     pub start: f64,
     pub inputs: Vec<Line>,
     pub pushes: Vec<(usize, Line)>,
     contacts: Vec<Contact>,
     relay: RelayState,
-    /// The vehicle's states, then those of filters.
+    /// The vehicle's states, then those of the filters.
     pub z: Vec<f64>,
     result: Vec<f64>,
     slopes: [Vec<f64>; 4],
@@ -66,7 +66,8 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// Puts filters where the resting inputs and the initial state lead, and friction into its state.
+    /// Sets filters to their steady state for the resting inputs and the initial state, and decides the state
+    /// of each friction.
     pub fn settle(&mut self) {
         let model = self.model;
         let mut w: Vec<f64> = model.inputs.iter().map(Signal::rest).collect();
@@ -94,7 +95,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// What the sensor of output `i` sees now.
+    /// The value that the sensor of output `i` measures now.
     pub fn output(&mut self, i: usize) -> f64 {
         let t = self.start;
         self.actuate(t);
@@ -106,12 +107,12 @@ impl<'a> Integrator<'a> {
         y
     }
 
-    /// The inputs behind couplings and filters, into `drive`.
+    /// Writes the inputs after couplings and filters at time `t` into `drive`.
     fn actuate(&mut self, t: f64) {
         drive(self.model, &self.inputs, t - self.start, &self.z, &mut self.drive, |_, _| {});
     }
 
-    /// To the end of the interval, in equal steps.
+    /// Integrates to the end of the interval, in equal steps.
     pub fn advance(&mut self, end: f64) {
         let length = end - self.start;
         let count = (length / self.model.step_s - 1e-6).ceil().max(1.0);
@@ -143,7 +144,7 @@ impl<'a> Integrator<'a> {
                 std::mem::swap(&mut self.z, &mut self.result);
                 return;
             };
-            // The states stand at the stop now.
+            // Integrate exactly to the time of the stop.
             self.runge_kutta(t + done, share * rest);
             std::mem::swap(&mut self.z, &mut self.result);
             self.z[self.model.frictions[index].state] = 0.0;
@@ -156,7 +157,8 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// The friction whose state comes to rest first within the step just computed, and at which share of it.
+    /// The friction whose state first reaches zero within the step just computed, and the share of the step
+    /// at which it does.
     fn first_stop(&mut self, t: f64, h: f64) -> Option<(usize, f64)> {
         let mut first: Option<(usize, f64)> = None;
         let full = self.result.clone();
@@ -170,10 +172,10 @@ impl<'a> Integrator<'a> {
             if full[state] * side >= 0.0 {
                 continue;
             }
-            // A few steps of bisection with secants; the path is nearly straight over a millisecond.
+            // A few iterations of regula falsi; the path is nearly straight over a millisecond.
             let (mut low, mut high, mut share) = (0.0, 1.0, 1.0);
             let (mut at_low, mut at_high) = (self.z[state] * side, full[state] * side);
-            // From rest, it is held to the step's end.
+            // A state that starts from rest is held to the end of the step.
             for _ in 0..if at_low > 0.0 { 12 } else { 0 } {
                 share = (low + (high - low) * at_low / (at_low - at_high)).clamp(low, high);
                 self.runge_kutta(t, share * h);
@@ -197,7 +199,7 @@ impl<'a> Integrator<'a> {
         first
     }
 
-    /// Lets friction hold its state, or lets it go to the side to which it is driven.
+    /// Decides whether friction holds its state or lets it move in the direction of the driving force.
     fn decide(&mut self, index: usize, t: f64) {
         let friction = &self.model.frictions[index];
         let x = self.z[friction.state];
@@ -206,7 +208,8 @@ impl<'a> Integrator<'a> {
         } else if x < 0.0 {
             Contact::Backward
         } else {
-            // Forward and backward friction are constants: the driving force is the slope without them.
+            // The driving force is the slope without friction: set the contact to forward and add the forward
+            // friction back.
             self.contacts[index] = Contact::Forward;
             let mut slope = std::mem::take(&mut self.slopes[0]);
             self.derivative(t, None, &mut slope);
@@ -239,7 +242,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// One step of the classical method of order 4 from `z` into `result`.
+    /// One step of the classical Runge-Kutta method of order 4 from `z` into `result`.
     fn runge_kutta(&mut self, t: f64, h: f64) {
         let [mut k1, mut k2, mut k3, mut k4] = std::mem::take(&mut self.slopes);
         let mut trial = std::mem::take(&mut self.trial);
@@ -262,7 +265,7 @@ impl<'a> Integrator<'a> {
         self.trial = trial;
     }
 
-    /// dz/dt at `z`, or at the present state.
+    /// The derivative dz/dt at `z`; `None` is the present state.
     #[inline]
     fn derivative(&mut self, t: f64, z: Option<&[f64]>, out: &mut [f64]) {
         let Self { model, stage, start, inputs, pushes, contacts, relay, drive: w, .. } = self;
@@ -300,7 +303,8 @@ impl<'a> Integrator<'a> {
     }
 }
 
-/// Inputs behind couplings and filters, into `w`; `slope` takes the filters' derivatives.
+/// Writes the inputs after couplings and filters into `w`; `slope` receives the derivatives of the filter
+/// states.
 #[inline]
 fn drive(
     model: &TruthModel,

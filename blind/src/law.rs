@@ -1,42 +1,42 @@
-//! The law of a closed-loop trial: a quadratic regulator on the estimate of a Kalman filter, designed on the nominal
-//! vehicle by value iteration.
+//! The control law of a closed-loop trial: a linear-quadratic regulator with a Kalman filter, designed on the
+//! nominal vehicle by value iteration.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::Vehicle;
 
 use super::linear::Recursion;
 
-/// Most steps of the value iteration.
+/// Largest number of steps of the value iteration.
 const MOST_STEPS: usize = 4000;
-/// Change of the gain from step to step that ends it, relative to the gain.
+/// Relative change of the gain from step to step below which the iteration ends.
 const SETTLED: f64 = 1e-9;
 
-/// Sizes by which a law weighs what it regulates.
+/// Scales of the outputs, inputs and noise in the design of a control law.
 pub(crate) struct Weights<'a> {
-    /// Root mean square of each output and of each input, SI: one of each costs the same.
+    /// Root mean square of each output and, in `inputs`, of each input, SI; each has weight 1 at this size.
     pub outputs: &'a [f64],
     pub inputs: &'a [f64],
     /// Standard deviation of each output's noise, SI.
     pub noise: &'a [f64],
 }
 
-/// A law with its estimate of the state.
+/// A control law with its state estimate.
 #[derive(Debug, Clone)]
 pub(crate) struct Law {
     f: DMatrix<f64>,
     g: DMatrix<f64>,
     c: DMatrix<f64>,
     d: DMatrix<f64>,
-    /// Inputs x states.
+    /// State feedback gain, inputs x states.
     feedback: DMatrix<f64>,
-    /// States x outputs.
+    /// Predictor gain, states x outputs.
     observer: DMatrix<f64>,
     estimate: DVector<f64>,
     limits: Vec<(f64, f64)>,
 }
 
 impl Law {
-    /// The law of a vehicle at that period, before its first sample.
+    /// Designs the law of a vehicle at this period, before its first sample; `None` without a gain.
     pub fn new(vehicle: &Vehicle, period_s: f64, weights: &Weights<'_>) -> Option<Self> {
         let Recursion { f, g } = Recursion::new(&vehicle.a, &vehicle.b, period_s);
         let (c, d) = (vehicle.c.clone(), vehicle.d.clone());
@@ -44,7 +44,8 @@ impl Law {
         let square = |sizes: &[f64]| diagonal(sizes, |size| size * size);
         let cost = c.transpose() * inverse(weights.outputs) * &c;
         let feedback = gain(&f, &g, &cost, &inverse(weights.inputs))?;
-        // Only the commands are known to disturb the state: they are assumed to be as uncertain as they are large.
+        // The process noise enters only through the inputs, with the commands' root mean square as its
+        // standard deviation.
         let unrest = &g * square(weights.inputs) * g.transpose();
         let observer = gain(&f.transpose(), &c.transpose(), &unrest, &square(weights.noise))?.transpose();
         let estimate = DVector::zeros(f.nrows());
@@ -52,7 +53,8 @@ impl Law {
         Some(Self { f, g, c, d, feedback, observer, estimate, limits })
     }
 
-    /// The command of this sample, from measurements up to the last one, with `reference` added.
+    /// The command of this sample: `reference` plus feedback of the state that the last measurements predict,
+    /// limited.
     pub fn command(&self, reference: &[f64]) -> Vec<f64> {
         let back = &self.feedback * &self.estimate;
         let limited =
@@ -60,7 +62,7 @@ impl Law {
         self.limits.iter().enumerate().map(limited).collect()
     }
 
-    /// Takes in this sample's command and measurement.
+    /// Updates the state estimate with this sample's command and measurement.
     pub fn measure(&mut self, command: &[f64], measured: &[f64]) {
         let u = DVector::from_column_slice(command);
         let new = DVector::from_column_slice(measured) - &self.c * &self.estimate - &self.d * &u;
@@ -72,7 +74,8 @@ fn diagonal(sizes: &[f64], of: impl Fn(f64) -> f64) -> DMatrix<f64> {
     DMatrix::from_diagonal(&DVector::from_iterator(sizes.len(), sizes.iter().map(|s| of(*s))))
 }
 
-/// Stationary gain K = (R + G' P G)^-1 G' P F by iteration of P = Q + F' P (F - G K); `None` where it does not exist.
+/// Stationary gain K = (R + G' P G)^-1 G' P F by iteration of P = Q + F' P (F - G K); `None` where it does
+/// not exist.
 ///
 /// Sampled regulators: Astrom and Wittenmark, Computer-Controlled Systems, chapter 11.
 fn gain(
@@ -104,7 +107,8 @@ mod tests {
 
     #[test]
     fn the_gain_of_one_state_solves_its_equation() {
-        // P = q + f^2 P r / (r + g^2 P), so P^2 g^2 + P (r (1 - f^2) - q g^2) - q r = 0.
+        // The scalar Riccati equation P = q + f^2 P r / (r + g^2 P) gives P^2 g^2 + P (r (1 - f^2) - q g^2) -
+        // q r = 0.
         let (f, g, q, r) = (1.1f64, 0.5f64, 2.0f64, 3.0f64);
         let b = r * (1.0 - f * f) - q * g * g;
         let p = (-b + (b * b + 4.0 * g * g * q * r).sqrt()) / (2.0 * g * g);

@@ -1,7 +1,8 @@
-//! Blind trials: records with a hidden effect, and a score of how well diagnosis names it.
+//! Blind trials: records with hidden effects, and a score of how well the diagnosis identifies them.
 //!
-//! The generator shares only the vehicle's data with the simulator and with diagnosis: it has its own
-//! integrator, its own effects, written from the table's definitions, and its own noise.
+//! The generator shares only the vehicle's data with the simulator and with the diagnosis: it has its own
+//! integrator, its own implementation of the effects, written from the table's definitions, and its own
+//! noise.
 
 mod autoregression;
 mod baseline;

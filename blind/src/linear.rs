@@ -1,19 +1,19 @@
-//! The nominal vehicle as a recursion from sample to sample, where nothing but its model acts: fast enough for
-//! sensitivities to every parameter.
+//! The nominal vehicle as a discrete-time recursion, for records on which only the model acts; it is fast
+//! enough for the sensitivities to every parameter.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::Vehicle;
 
 use super::commands::Commands;
 
-/// x_{k+1} = F x_k + G u_k.
+/// Recursion x_{k+1} = F x_k + G u_k.
 pub(crate) struct Recursion {
     pub f: DMatrix<f64>,
     pub g: DMatrix<f64>,
 }
 
 impl Recursion {
-    /// Sampling with the input held: both blocks of exp([A B; 0 0] T).
+    /// Zero-order-hold discretization: both upper blocks of exp([A B; 0 0] T).
     pub fn new(a: &DMatrix<f64>, b: &DMatrix<f64>, period_s: f64) -> Self {
         let (n, m) = b.shape();
         let mut block = DMatrix::zeros(n + m, n + m);
@@ -28,7 +28,7 @@ impl Recursion {
         Self { f: e.view((0, 0), (n, n)).into_owned(), g: e.view((0, n), (n, m)).into_owned() }
     }
 
-    /// Samples x outputs of C x + D u from `x0`.
+    /// The outputs C x + D u of a run from `x0` (samples x outputs).
     pub fn outputs(&self, c: &DMatrix<f64>, d: &DMatrix<f64>, x0: &[f64], commands: &Commands) -> Vec<f64> {
         let mut x = DVector::from_column_slice(x0);
         let mut u = DVector::zeros(self.g.ncols());
@@ -44,7 +44,7 @@ impl Recursion {
     }
 }
 
-/// Outputs of the vehicle's model without any effect.
+/// Outputs of the vehicle's model without any effect (samples x outputs).
 pub(crate) fn model(vehicle: &Vehicle, x0: &[f64], commands: &Commands) -> Vec<f64> {
     let recursion = Recursion::new(&vehicle.a, &vehicle.b, commands.period_s);
     recursion.outputs(&vehicle.c, &vehicle.d, x0, commands)

@@ -1,4 +1,4 @@
-//! Commands that a pilot or a test engineer would give: drawn, scaled and sampled.
+//! Draws the sampled commands of each kind of excitation.
 
 use std::f64::consts::TAU;
 
@@ -7,7 +7,7 @@ use super::random::RandomStream;
 use super::ranges::ExcitationRanges;
 
 impl ExcitationRanges {
-    /// One of the kinds.
+    /// Draws one of the kinds of excitation.
     pub(crate) fn draw(&self, stream: &mut RandomStream) -> Excitation {
         self.kinds[stream.below(self.kinds.len())]
     }
@@ -23,7 +23,7 @@ pub(crate) struct CommandFormat {
     pub highest_hz: f64,
 }
 
-/// Commands between -1 and 1: inputs x samples.
+/// Draws commands between -1 and 1 (inputs x samples).
 pub(crate) fn commands(
     kind: Excitation,
     ranges: &ExcitationRanges,
@@ -43,8 +43,8 @@ pub(crate) fn commands(
     }
 }
 
-/// Manoeuvres of steps to alternating sides, the inputs in turn, with pauses between. `lengths`: of the steps of a
-/// manoeuvre, in units of time.
+/// Manoeuvres of steps of alternating sign, on one input at a time in turn, with pauses between them.
+/// `lengths` draws the step lengths of a manoeuvre, in time units.
 fn steps(
     ranges: &ExcitationRanges,
     format: CommandFormat,
@@ -72,14 +72,15 @@ fn steps(
     all
 }
 
-/// Lowest and highest frequency of a sweep, Hz: at least one and a half periods of the lowest.
+/// Lowest and highest frequency of a sweep, Hz; the record holds at least one and a half periods of the
+/// lowest.
 fn band(ranges: &ExcitationRanges, format: CommandFormat, stream: &mut RandomStream) -> (f64, f64) {
     let duration = format.samples as f64 * format.period_s;
     let lowest = (format.highest_hz * stream.within(ranges.sweep_lowest)).max(1.5 / duration);
     (lowest, format.highest_hz.max(2.0 * lowest))
 }
 
-/// Sines of that phase at a time, faded in, one input forwards while the next goes backwards.
+/// Sines of the given phase function of time, faded in; every second input runs through it backwards in time.
 fn turns(format: CommandFormat, lowest: f64, phase: impl Fn(f64) -> f64) -> Vec<Vec<f64>> {
     let duration = format.samples as f64 * format.period_s;
     let fade = (0.5 / lowest).min(0.05 * duration);
@@ -95,21 +96,21 @@ fn turns(format: CommandFormat, lowest: f64, phase: impl Fn(f64) -> f64) -> Vec<
     (0..format.inputs).map(|i| one(i % 2 == 1)).collect()
 }
 
-/// Sweeps in the logarithm of the frequency.
+/// Sweeps with log-linear frequency in time.
 fn sweeps(ranges: &ExcitationRanges, format: CommandFormat, stream: &mut RandomStream) -> Vec<Vec<f64>> {
     let (lowest, highest) = band(ranges, format, stream);
     let rate = (highest / lowest).ln() / (format.samples as f64 * format.period_s);
     turns(format, lowest, |t| TAU * lowest * ((rate * t).exp() - 1.0) / rate)
 }
 
-/// Sweeps in the frequency itself.
+/// Linear sweeps: the frequency is linear in time.
 fn chirps(ranges: &ExcitationRanges, format: CommandFormat, stream: &mut RandomStream) -> Vec<Vec<f64>> {
     let (lowest, highest) = band(ranges, format, stream);
     let rate = (highest - lowest) / (format.samples as f64 * format.period_s);
     turns(format, lowest, |t| TAU * (lowest + 0.5 * rate * t) * t)
 }
 
-/// One side or the other, drawn anew at every unit of time.
+/// Pseudo-random binary sequences: the sign is drawn anew at every time unit.
 fn binary(ranges: &ExcitationRanges, format: CommandFormat, stream: &mut RandomStream) -> Vec<Vec<f64>> {
     let CommandFormat { inputs, samples, period_s, highest_hz } = format;
     let unit_s = stream.within(ranges.unit) / highest_hz;
@@ -122,7 +123,7 @@ fn binary(ranges: &ExcitationRanges, format: CommandFormat, stream: &mut RandomS
     (0..inputs).map(|_| one()).collect()
 }
 
-/// White noise behind two lags, of unit peak four standard deviations wide at most.
+/// White noise filtered by two first-order lags, scaled to an rms of 0.4 and limited to 1 (2.5 of its rms).
 fn pilot(ranges: &ExcitationRanges, format: CommandFormat, stream: &mut RandomStream) -> Vec<Vec<f64>> {
     let CommandFormat { inputs, samples, period_s, highest_hz } = format;
     let decay = (-TAU * ranges.pilot_corner * highest_hz * period_s).exp();

@@ -1,11 +1,11 @@
-//! A flight, integrated from one discontinuity to the next, and its measurements at the samples.
+//! Integrates a flight from one discontinuity to the next, and takes its measurements at the samples.
 
 use super::error::BlindError;
 use super::integrator::{Integrator, Line};
 use super::signal::Signal;
 use super::truth_model::TruthModel;
 
-/// Times closer than this are the same, s.
+/// Times closer than this count as equal, s.
 const SAME: f64 = 1e-10;
 /// Magnitude above which a state has diverged.
 const LARGEST: f64 = 1e9;
@@ -14,20 +14,20 @@ const LARGEST: f64 = 1e9;
 #[derive(Debug, Clone)]
 pub(crate) struct Motion {
     pub samples: usize,
-    /// Samples x states.
+    /// States at the sample times (samples x states).
     pub states: Vec<f64>,
-    /// Samples x outputs: what sensors see, behind their lags and delays.
+    /// Measured outputs (samples x outputs), after sensor lags and delays.
     pub sensed: Vec<f64>,
 }
 
-/// Goes along a signal with the time.
+/// Position in a signal that is read in the order of time.
 #[derive(Debug, Clone, Copy, Default)]
 struct Cursor {
     next: usize,
 }
 
 impl Cursor {
-    /// The line that holds from `t` on.
+    /// The linear piece of the signal that holds from `t` on.
     fn line(&mut self, signal: &Signal, t: f64) -> Line {
         let pieces = signal.pieces();
         while pieces.get(self.next).is_some_and(|p| p.from <= t + SAME) {
@@ -40,7 +40,7 @@ impl Cursor {
     }
 }
 
-/// A flight under way, from one time at which anything may jump to the next.
+/// A flight in progress, integrated from one time at which a signal may jump to the next.
 pub(crate) struct Flight<'a> {
     model: &'a TruthModel,
     run: Integrator<'a>,
@@ -48,13 +48,13 @@ pub(crate) struct Flight<'a> {
     push_cursors: Vec<Cursor>,
     period_s: f64,
     next_sample: usize,
-    /// For each delayed output the next sample that looks at it; empty before the start.
+    /// For each delayed output the next sample to record; empty before the start.
     looks: Vec<usize>,
     pub motion: Motion,
 }
 
 impl<'a> Flight<'a> {
-    /// Before the start.
+    /// The flight before its start.
     pub fn new(model: &'a TruthModel, x0: &[f64], period_s: f64, samples: usize) -> Self {
         let outputs = model.sensor_delays.len();
         Self {
@@ -73,7 +73,8 @@ impl<'a> Flight<'a> {
         }
     }
 
-    /// What jumps at `cut`, and what is seen there; `inputs` are known up to there at least.
+    /// Applies all jumps at the time `cut` and records the samples due then; `inputs` must be known up to
+    /// `cut` at least.
     pub fn pass(&mut self, cut: f64, inputs: &[Signal]) -> Result<(), BlindError> {
         let (model, run) = (self.model, &mut self.run);
         for ((line, cursor), signal) in run.inputs.iter_mut().zip(&mut self.cursors).zip(inputs) {
@@ -93,12 +94,13 @@ impl<'a> Flight<'a> {
         self.sample(cut)
     }
 
-    /// Integrates to `end`, before which nothing jumps.
+    /// Integrates to `end`; no signal may jump before it.
     pub fn advance(&mut self, end: f64) {
         self.run.advance(end);
     }
 
-    /// The state before the record. What delayed outputs show of the time before it is its first value.
+    /// Sets the state before the record. Samples of delayed outputs from before the start show the output's
+    /// initial value.
     fn settle(&mut self) {
         self.run.settle();
         let outputs = self.model.sensor_delays.len();
@@ -111,7 +113,7 @@ impl<'a> Flight<'a> {
         }
     }
 
-    /// Records the states at a sample, and each output where one looks at it.
+    /// Records the states if a sample is due at `cut`, and each delayed output whose measurement time it is.
     fn sample(&mut self, cut: f64) -> Result<(), BlindError> {
         let (n, samples, outputs) = (self.model.n, self.motion.samples, self.looks.len());
         if self.next_sample < samples && (cut - self.next_sample as f64 * self.period_s).abs() < SAME {
@@ -133,7 +135,7 @@ impl<'a> Flight<'a> {
     }
 }
 
-/// Integrates the model from `x0` and looks at it `samples` times, a period apart.
+/// Integrates the model from `x0` and takes `samples` samples, a period apart.
 pub(crate) fn fly(
     model: &TruthModel,
     x0: &[f64],
@@ -154,14 +156,14 @@ pub(crate) fn fly(
     Ok(flight.motion)
 }
 
-/// Brings times from 0 to `last` into order, each once.
+/// Sorts times, and keeps each time from 0 to `last` once.
 pub(crate) fn ordered(cuts: &mut Vec<f64>, last: f64) {
     cuts.retain(|t| *t >= 0.0 && *t <= last);
     cuts.sort_unstable_by(f64::total_cmp);
     cuts.dedup_by(|b, a| *b - *a < SAME);
 }
 
-/// All times between which nothing but the inputs jumps, in no order.
+/// All times at which anything but the inputs may jump or a sample is due, unsorted.
 pub(crate) fn cuts(model: &TruthModel, period_s: f64, samples: usize) -> Vec<f64> {
     let mut cuts: Vec<f64> = (0..samples).map(|k| k as f64 * period_s).collect();
     cuts.extend(model.pushes.iter().flat_map(|(_, s)| s.pieces().iter().map(|p| p.from)));

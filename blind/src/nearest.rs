@@ -1,5 +1,5 @@
-//! Similarity of an effect outside the table to the effects of the table: if they were the same, that name would
-//! not be wrong.
+//! Similarity of an effect outside the table to the effects of the table: an effect that a table effect
+//! imitates could rightly be named as such.
 
 use whirlstand_vehicle::Kind;
 
@@ -10,11 +10,11 @@ use super::error::BlindError;
 use super::experiment::Experiment;
 use super::random::RandomStream;
 
-/// Places and sizes that are tried of each effect.
+/// Number of places and sizes that are tried for each effect.
 const TRIES: usize = 3;
 
-/// Effects of the table that change a record in a way of their own. Those that come at a time or with a frequency of their
-/// own follow no input and no state; random ones have no signature.
+/// Effects of the table that are compared. Effects with a time or a frequency of their own are left out,
+/// since they depend on no input and no state; random effects have no signature.
 const COMPARED: [Kind; 20] = [
     Kind::InputDelay,
     Kind::ActuatorLag,
@@ -38,8 +38,7 @@ const COMPARED: [Kind; 20] = [
     Kind::OutputSaturation,
 ];
 
-/// The effect of the table whose signature is most similar to that of the given one, and their similarity
-/// (|cos|).
+/// The effect of the table whose signature is most similar to `signature`, and their similarity (|cos|).
 pub(crate) fn nearest(
     signature: &[f64],
     experiment: &Experiment,

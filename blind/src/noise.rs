@@ -1,4 +1,4 @@
-//! Sensor noise of known colour, and its whitening filter.
+//! Sensor noise with a given spectrum, and its whitening filter.
 
 use std::f64::consts::TAU;
 
@@ -7,41 +7,41 @@ use serde::{Deserialize, Serialize};
 use super::autoregression::Autoregression;
 use super::random::RandomStream;
 
-/// Colour of the sensor noise of a trial.
+/// Spectrum and distribution of the sensor noise of a trial.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Colour {
-    /// White.
+    /// White noise.
     White,
-    /// First-order autoregressive.
+    /// First-order autoregressive noise.
     Ar1 {
-        /// Coefficient; results of older runs state none.
+        /// Coefficient; 0.9 where results of older runs give none.
         #[serde(default = "usual_coefficient")]
         coefficient: f64,
     },
-    /// Second-order autoregressive with a peak.
+    /// Second-order autoregressive noise with a spectral peak.
     Resonant {
         /// Frequency of the peak, Hz.
         frequency_hz: f64,
         /// Radius of the poles.
         radius: f64,
     },
-    /// Fourth-order autoregressive with two peaks.
+    /// Fourth-order autoregressive noise with two spectral peaks.
     Ar4 {
         /// Frequencies of the peaks, Hz.
         frequencies_hz: [f64; 2],
         /// Radii of their poles.
         radii: [f64; 2],
     },
-    /// White noise with a drifting zero: a first-order autoregression with a time constant of seconds is
-    /// added.
+    /// White noise plus a drifting zero: a first-order autoregressive process with a time constant of
+    /// seconds.
     Wandering {
-        /// Time constant of the wandering, s.
+        /// Time constant of the drifting zero, s.
         time_constant_s: f64,
-        /// Share of the variance that is white.
+        /// Share of the variance that is white noise.
         white_share: f64,
     },
-    /// White, distributed as Student's t: more large values than a normal distribution has.
+    /// White noise with Student's t distribution, which has heavier tails than the normal distribution.
     StudentT {
         /// Degrees of freedom, above 2.
         degrees: u32,
@@ -59,7 +59,7 @@ impl Colour {
     /// Names of the reference generator's colours.
     pub(crate) const REFERENCE: [&'static str; 3] = ["white", "AR(1) 0.9", "resonant"];
 
-    /// Name, for tables.
+    /// Name of the noise, for tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::White => "white",
@@ -72,7 +72,7 @@ impl Colour {
         }
     }
 
-    /// Stationary noise of standard deviation 1.
+    /// Draws stationary noise of standard deviation 1.
     pub(crate) fn noise(self, samples: usize, period_s: f64, stream: &mut RandomStream) -> Vec<f64> {
         match self {
             Self::White | Self::Ar1 { .. } | Self::Resonant { .. } => {
@@ -96,7 +96,7 @@ impl Colour {
     }
 
     /// Whitens noise of standard deviation `std` to variance 1, in place. `signal` interleaves `columns`
-    /// channels, of which this is number `column`.
+    /// channels; only channel `column` is whitened.
     pub(crate) fn whiten(self, signal: &mut [f64], column: usize, columns: usize, std: f64, period_s: f64) {
         match self {
             Self::White | Self::Ar1 { .. } | Self::Resonant { .. } | Self::StudentT { .. } => {
@@ -108,7 +108,7 @@ impl Colour {
             }
             Self::Wandering { time_constant_s, white_share } => {
                 let decay = (-period_s / time_constant_s).exp();
-                // Kalman's filter of the wandering zero, for noise of standard deviation 1.
+                // Kalman filter of the drifting zero, for noise of standard deviation 1.
                 let (mut zero, mut variance) = (0.0, 1.0 - white_share);
                 for x in signal.iter_mut().skip(column).step_by(columns) {
                     let (new, spread) = (*x / std - zero, variance + white_share);
@@ -122,7 +122,7 @@ impl Colour {
         }
     }
 
-    /// x_k = phi1 x_{k-1} + phi2 x_{k-2} + e_k.
+    /// (phi1, phi2) of x_k = phi1 x_{k-1} + phi2 x_{k-2} + e_k.
     fn coefficients(self, period_s: f64) -> (f64, f64) {
         match self {
             Self::Ar1 { coefficient } => (coefficient, 0.0),
@@ -133,18 +133,18 @@ impl Colour {
         }
     }
 
-    /// Standard deviation of e for noise of standard deviation 1 (Yule and Walker).
+    /// Standard deviation of the innovation e for noise of standard deviation 1 (Yule-Walker equations).
     fn innovation(self, period_s: f64) -> f64 {
         let (phi1, phi2) = self.coefficients(period_s);
         let gain = (1.0 - phi2) / ((1.0 + phi2) * ((1.0 - phi2).powi(2) - phi1 * phi1));
         gain.recip().sqrt()
     }
 
-    /// Noise of second order at most.
+    /// Draws noise of order 2 at most.
     fn recursion(self, samples: usize, period_s: f64, stream: &mut RandomStream) -> Vec<f64> {
         let (phi1, phi2) = self.coefficients(period_s);
         let innovation = self.innovation(period_s);
-        // The memory of the poles is below 1e-6 after this many steps.
+        // The transient of the poles has decayed below 1e-6 after this many steps.
         let warm_up = if self == Self::White { 0 } else { 400 };
         let (mut one, mut two) = (0.0, 0.0);
         let mut next = || {
@@ -158,7 +158,7 @@ impl Colour {
         (0..samples).map(|_| next()).collect()
     }
 
-    /// The inverse of [`Self::recursion`].
+    /// Whitens noise: the inverse of [`Self::recursion`].
     fn invert(self, signal: &mut [f64], column: usize, columns: usize, std: f64, period_s: f64) {
         let (phi1, phi2) = self.coefficients(period_s);
         let scale = 1.0 / (std * self.innovation(period_s));
@@ -168,7 +168,8 @@ impl Colour {
             let now = *x;
             *x = match k {
                 0 => now / std,
-                // Given only the first value, the second has a larger spread than later values given two.
+                // Given only the first value, the second has a larger variance than later values, which are
+                // given two.
                 1 if phi2 != 0.0 => (now - rho * one) / (std * (1.0 - rho * rho).sqrt()),
                 _ => scale * (now - phi1 * one - phi2 * two),
             };
@@ -177,7 +178,7 @@ impl Colour {
     }
 }
 
-/// A number of Student's distribution, brought to variance 1.
+/// Draws a number of Student's t distribution, scaled to variance 1.
 fn student_t(degrees: u32, stream: &mut RandomStream) -> f64 {
     let square: f64 = (0..degrees).map(|_| stream.normal().powi(2)).sum();
     let degrees = f64::from(degrees);
@@ -203,7 +204,7 @@ mod tests {
             let n = 200_000;
             let noise = colour.noise(n, 0.01, &mut RandomStream::new(1, "test"));
             let variance = noise.iter().map(|x| x * x).sum::<f64>() / n as f64;
-            // Correlation over some 20 samples: five standard errors are 7 %.
+            // The noise is correlated over some 20 samples: 7 % are five standard errors.
             assert!((variance - 1.0).abs() < 0.07, "{colour:?} {variance}");
             let mut white: Vec<f64> = noise.iter().map(|x| 3.0 * x).collect();
             colour.whiten(&mut white, 0, 1, 3.0, 0.01);

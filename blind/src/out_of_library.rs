@@ -1,4 +1,4 @@
-//! Effects outside the table: diagnosis must describe them without a name from the table.
+//! Effects outside the table, which a diagnosis must describe without a name from the table.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,54 +6,58 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OutOfLibrary {
-    /// An input acts more strongly to one side: u + size abs(u).
+    /// The gain of an input depends on the sign: u + size abs(u).
     AsymmetricGain,
-    /// An input's square is added to it: u + size u^2 / scale.
+    /// The square of an input is added to it: u + size u^2 / scale.
     SquaredInput,
-    /// A relay with hysteresis is added to an input: plus size while u was last above scale, minus size while it was
-    /// last below -scale.
+    /// A relay with hysteresis is added to an input: +size after u rose above scale, -size after it fell
+    /// below -scale.
     InputRelay,
-    /// An input's gain swings: u (1 + size sin(2 pi scale t)).
+    /// The gain of an input oscillates: u (1 + size sin(2 pi scale t)).
     SwingingGain,
     /// -size x1 x2 is added to the derivative of a state.
     StateProduct,
-    /// -size sin(scale x1) is added to the derivative of a state: wells, not a hardening spring.
+    /// The periodic spring -size sin(scale x1) is added to the derivative of a state; unlike a hardening
+    /// spring it has several wells.
     SineSpring,
-    /// -size x1 sin(2 pi scale t) is added to the derivative of a state: a stiffness that swings.
+    /// The oscillating stiffness -size x1 sin(2 pi scale t) is added to the derivative of a state.
     SwingingStiffness,
     /// size u x1 is added to the derivative of a state.
     Bilinear,
-    /// A relay with hysteresis pushes a state: plus size after x1 fell below -scale, minus size after it rose above
-    /// scale, late by its dead time. It runs in a limit cycle of its own.
+    /// A relay with hysteresis and a dead time, which runs in a limit cycle, acts on the derivative of a
+    /// state: +size after x1 fell below -scale, -size after it rose above scale.
     LimitCycle,
-    /// A sensor creeps: y + size (y behind a lag of scale seconds).
+    /// A sensor with creep: y + size (y after a first-order lag of scale seconds).
     SensorCreep,
-    /// A sensor bends: y + size y^2.
+    /// A sensor with a quadratic error: y + size y^2.
     SquaredSensor,
-    /// A tone whose frequency sweeps over the record is added to an output: amplitude size, from scale Hz to three
-    /// times that.
+    /// A tone whose frequency sweeps over the record, from scale Hz to three times that, is added to an
+    /// output with the amplitude size.
     SweepingTone,
-    /// An input acts by its square, to its side: u + size u abs(u) / scale.
+    /// The signed square of an input is added to it: u + size u abs(u) / scale.
     SquareLawGain,
-    /// An actuator sticks: it stands still until the command is size away from it, then jumps to the command.
+    /// An actuator with stiction: it holds its position until the command is size away from it, then jumps to
+    /// the command.
     StickingInput,
     /// size times the product of two inputs is added to the derivative of a state.
     InputProduct,
-    /// -size r^3 / (1 + r^4) with r = x1 / scale is added to the derivative of a state: it hardens, then yields.
+    /// A spring that first hardens, then yields, is added to the derivative of a state: -size r^3 / (1 + r^4)
+    /// with r = x1 / scale.
     YieldingSpring,
-    /// -size x1 (2 t / T - 1) is added to the derivative of a state, T the record's length: a stiffness that grows.
+    /// A stiffness that grows with time, -size x1 (2 t / T - 1) with the record's length T, is added to the
+    /// derivative of a state.
     StiffnessRamp,
-    /// size x (1 - (x / scale)^2) is added to a state's own derivative: it swings by itself, as van der Pol's
-    /// oscillator does.
+    /// Self-excitation as in a van der Pol oscillator: size x (1 - (x / scale)^2) is added to the state's own
+    /// derivative.
     SelfExcitation,
-    /// A sensor follows with a lag of size seconds, but no faster than scale per lag.
+    /// A sensor with a lag of size seconds and a rate limit of scale per size seconds.
     SlewingSensor,
-    /// A sensor bends to both sides: y + size y^3.
+    /// A sensor with a cubic error: y + size y^3.
     CubedSensor,
 }
 
 impl OutOfLibrary {
-    /// All of them.
+    /// All effects outside the table.
     pub const ALL: [Self; 20] = [
         Self::AsymmetricGain,
         Self::SquaredInput,
@@ -103,29 +107,29 @@ impl OutOfLibrary {
         }
     }
 
-    /// The effect of that name.
+    /// The effect with the name `name`.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|s| s.name() == name)
     }
 }
 
-/// An effect outside the table, at its place.
+/// An effect outside the table with its place and parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct OutOfLibraryEffect {
     pub kind: OutOfLibrary,
-    /// Input, where one is concerned.
+    /// Index of the input, where the effect depends on one.
     pub input: usize,
-    /// Second input, where two are concerned.
+    /// Index of the second input, where the effect depends on two.
     pub other_input: usize,
-    /// Output, where one is concerned.
+    /// Index of the output, where the effect acts on one.
     pub output: usize,
-    /// First and second state that enter.
+    /// The two states on which the effect depends.
     pub states: (usize, usize),
-    /// State whose derivative is changed.
+    /// Index of the state whose derivative is changed.
     pub onto: usize,
-    /// As the effect says, SI.
+    /// Size as defined by the kind, SI.
     pub size: f64,
-    /// As the effect says, SI.
+    /// Scale as defined by the kind, SI.
     pub scale: f64,
     /// Dead time of a relay, s.
     pub dead_time_s: f64,

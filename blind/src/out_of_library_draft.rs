@@ -1,4 +1,4 @@
-//! An effect outside the table at a drawn place, with a range of sizes.
+//! Draws an effect outside the table at a random place, with a range of sizes.
 
 use super::facts::Facts;
 use super::out_of_library::{OutOfLibrary, OutOfLibraryEffect};
@@ -6,8 +6,8 @@ use super::random::RandomStream;
 use super::ranges::{Interval, OutOfLibraryRange};
 use super::sense::Noise;
 
-/// Draws place and all but the size: least and greatest size, and the effect at size 1, to which its size is
-/// proportional. `None` where the vehicle has no place for it.
+/// Draws the place and all parameters except the size. Returns the least and greatest size, and the effect at
+/// size 1, to which its size is proportional; `None` where the vehicle has no place for it.
 pub(crate) fn draft(
     range: &OutOfLibraryRange,
     facts: &Facts,

@@ -1,5 +1,5 @@
-//! The plan of a trial, determined by its number alone, so that all effects are equally frequent and any trial can
-//! be repeated.
+//! The plan of a trial. It depends on the trial's number only, so that all effects are equally frequent and
+//! any trial can be repeated.
 
 use serde::{Deserialize, Serialize};
 use whirlstand_vehicle::Kind;
@@ -9,7 +9,7 @@ use super::out_of_library::OutOfLibrary;
 use super::random::RandomStream;
 use super::ranges::OutOfLibraryRange;
 
-/// Trials of one seed; trial numbers are seed times this plus a count.
+/// Largest number of trials of one seed; a trial number is the seed times this plus a count.
 pub const TRIALS_PER_SEED: u64 = 1_000_000;
 
 /// Kind of trial.
@@ -27,10 +27,10 @@ pub enum Case {
 }
 
 impl Case {
-    /// All of them.
+    /// All kinds of trial.
     pub const ALL: [Self; 4] = [Self::Single, Self::Clean, Self::Pair, Self::Outside];
 
-    /// Name on the command line.
+    /// Name of the kind on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Single => "single",
@@ -41,38 +41,38 @@ impl Case {
     }
 }
 
-/// Whether a law flies the vehicle.
+/// Whether the trials are flown in open or closed loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Loops {
-    /// The commands are drawn.
+    /// Open loop: the commands are drawn.
     #[default]
     Open,
-    /// A law gives the commands, from noisy measurements.
+    /// Closed loop: a control law computes the commands from noisy measurements.
     Closed,
-    /// Every other trial is flown by a law.
+    /// Every second trial is in closed loop.
     Both,
 }
 
-/// What is hidden in a trial.
+/// The effects and settings of a trial.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
     /// Number of the trial.
     pub number: u64,
-    /// Generator from which it is drawn.
+    /// Generator from which the trial is drawn.
     pub generator: Generator,
     /// Kind of trial.
     pub case: Case,
-    /// Effects of the table.
+    /// Hidden effects of the table.
     pub effects: Vec<Kind>,
-    /// An effect outside it.
+    /// Hidden effect outside the table.
     pub outside: Option<OutOfLibrary>,
-    /// Whether a law flies the vehicle, and the record holds its commands.
+    /// Whether a control law flies the vehicle, so that the record holds its commands.
     pub closed_loop: bool,
-    /// Counts the trials of this case: noise colours of clean records take turns by it.
+    /// Index of this trial among those of its case; it selects the noise colour of clean records in turn.
     pub ordinal: u64,
 }
 
-/// Of every 25 trials: where each case stands. 14 single, 3 clean, 5 pairs, 3 outside.
+/// Case of each trial in a round of 25: 14 single (s), 3 clean (c), 5 pairs (p), 3 outside (o).
 const ROUND: &[u8; 25] = b"sspsscsspssosspscspssocop";
 
 impl Plan {
@@ -120,12 +120,13 @@ impl Plan {
         plan
     }
 
-    /// The ranges of its effect outside the table.
+    /// The ranges of the plan's effect outside the table.
     pub(crate) fn outside_range(&self) -> Option<&'static OutOfLibraryRange> {
         self.generator.ranges().outside.iter().find(|range| Some(range.kind) == self.outside)
     }
 
-    /// Whether it belongs to these cases and hides only these effects; an empty list is no restriction.
+    /// Whether the plan is of one of these cases and hides only these effects of the table; an empty list is
+    /// no restriction.
     pub fn wanted(&self, cases: &[Case], effects: &[Kind]) -> bool {
         let case = cases.is_empty() || cases.contains(&self.case);
         case && (effects.is_empty() || self.effects.iter().all(|e| effects.contains(e)))

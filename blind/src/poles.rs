@@ -1,21 +1,23 @@
-//! Poles of drawn vehicles, by nalgebra's QR iteration with a limit. Where the iteration finds none, a bound is
-//! used.
+//! Poles of drawn vehicles, by nalgebra's QR iteration with a limited number of sweeps. Where it does not
+//! converge, a bound is used.
 
 use nalgebra::{Complex, DMatrix, Dyn, OVector, Schur};
 
-/// Sweeps of the QR iteration, at most; some ten are usual for the sizes drawn here.
+/// Largest number of sweeps of the QR iteration; about ten are usual for the sizes drawn here.
 const SWEEPS: usize = 1000;
 
 fn poles(a: &DMatrix<f64>) -> Option<OVector<Complex<f64>, Dyn>> {
     Schur::try_new(a.clone(), f64::EPSILON, SWEEPS).map(|schur| schur.complex_eigenvalues())
 }
 
-/// Largest magnitude of the poles of `a`, 1/s; or its norm, which no pole exceeds.
+/// Largest magnitude of the poles of `a`, 1/s; where they are not found, the norm of `a`, which no pole
+/// exceeds.
 pub(crate) fn fastest(a: &DMatrix<f64>) -> f64 {
     poles(a).map_or_else(|| a.norm(), |p| p.iter().map(|p| p.norm()).fold(0.0, f64::max))
 }
 
-/// Largest real part of the poles of `a`, 1/s; or the largest of Gershgorin's discs, to the right of which no pole lies.
+/// Largest real part of the poles of `a`, 1/s; where they are not found, the right edge of Gershgorin's
+/// discs, which no pole exceeds.
 pub(crate) fn rightmost(a: &DMatrix<f64>) -> f64 {
     let edge = |i: usize| a[(i, i)] + a.row(i).iter().map(|v| v.abs()).sum::<f64>() - a[(i, i)].abs();
     match poles(a) {

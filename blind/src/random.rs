@@ -1,24 +1,24 @@
-//! Random numbers of the blind trials: a separate stream for every purpose.
+//! Random numbers of the blind trials, with a separate stream for every purpose.
 
 use std::f64::consts::TAU;
 
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// The random numbers of one purpose.
+/// The random number stream of one purpose.
 #[derive(Debug, Clone)]
 pub(crate) struct RandomStream {
     rng: ChaCha12Rng,
-    /// Second half of the last pair of normal numbers.
+    /// Second value of the last pair of normal numbers, not yet used.
     spare: Option<f64>,
 }
 
 impl RandomStream {
-    /// The stream of `purpose` in the trial of that number.
+    /// The stream of `purpose` in trial `trial`.
     pub fn new(trial: u64, purpose: &str) -> Self {
         let mut key = [0u8; 32];
         key[..8].copy_from_slice(&trial.to_le_bytes());
-        // Purposes are distinguished by their letters, folded into the rest of the key.
+        // The bytes of the purpose are folded into the rest of the key.
         for (i, byte) in purpose.bytes().enumerate() {
             let at = 8 + i % 24;
             key[at] = key[at].rotate_left(3) ^ byte;
@@ -31,7 +31,7 @@ impl RandomStream {
         ((self.rng.next_u64() >> 12) as f64 + 0.5) / (1u64 << 52) as f64
     }
 
-    /// Uniform between the two.
+    /// Uniform between `low` and `high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
@@ -41,22 +41,22 @@ impl RandomStream {
         self.between(low, high)
     }
 
-    /// Uniform in the logarithm of an interval above 0.
+    /// Log-uniform in an interval above 0.
     pub fn scaled_within(&mut self, (low, high): (f64, f64)) -> f64 {
         self.scaled(low, high)
     }
 
-    /// Uniform in the logarithm; both must be above 0.
+    /// Log-uniform between `low` and `high`, both above 0.
     pub fn scaled(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
     }
 
-    /// A whole number below `count`, which must be above 0.
+    /// A random integer from 0 to `count - 1`; `count` must be above 0.
     pub fn below(&mut self, count: usize) -> usize {
         ((self.unit() * count as f64) as usize).min(count - 1)
     }
 
-    /// One of these; `None` where there is none.
+    /// A random element of the slice; `None` where it is empty.
     pub fn one_of<'a, T>(&mut self, from: &'a [T]) -> Option<&'a T> {
         if from.is_empty() { None } else { Some(&from[self.below(from.len())]) }
     }
@@ -65,12 +65,12 @@ impl RandomStream {
         self.unit() < probability
     }
 
-    /// 1 or -1.
+    /// 1 or -1 with equal probability.
     pub fn sign(&mut self) -> f64 {
         if self.chance(0.5) { 1.0 } else { -1.0 }
     }
 
-    /// Standard normal (Box and Muller).
+    /// A standard normal number (Box-Muller method).
     pub fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;
@@ -102,7 +102,7 @@ mod tests {
         let mean = values.iter().sum::<f64>() / f64::from(n);
         let variance = values.iter().map(|v| v * v).sum::<f64>() / f64::from(n);
         let fourth = values.iter().map(|v| v.powi(4)).sum::<f64>() / f64::from(n);
-        // Five standard errors.
+        // The limits are five standard errors.
         assert!(mean.abs() < 0.016 && (variance - 1.0).abs() < 0.023 && (fourth - 3.0).abs() < 0.16);
     }
 }

@@ -3,7 +3,7 @@
 use super::excitation::Excitation;
 use super::out_of_library::OutOfLibrary;
 
-/// Least and greatest value of a draw.
+/// Least and greatest value of a drawn parameter.
 pub(crate) type Interval = (f64, f64);
 
 /// The ranges of a generator.
@@ -11,17 +11,17 @@ pub(crate) type Interval = (f64, f64);
 pub(crate) struct Ranges {
     /// Shortest and longest record, s.
     pub lengths_s: Interval,
-    /// Sampling rates, Hz; each is as likely.
+    /// Sampling rates, Hz, equally likely.
     pub rates_hz: &'static [f64],
     pub vehicles: VehicleRanges,
     pub excitation: ExcitationRanges,
     pub noise: NoiseRanges,
     pub effects: EffectRanges,
-    /// Effects outside the table; trials take them in turn.
+    /// Effects outside the table; trials use them in turn.
     pub outside: &'static [OutOfLibraryRange],
 }
 
-/// Which vehicles, and how they start.
+/// Ranges of the vehicles and their initial states.
 #[derive(Debug)]
 pub(crate) struct VehicleRanges {
     /// Share of the trials with a built-in helicopter.
@@ -30,17 +30,17 @@ pub(crate) struct VehicleRanges {
     pub quadrotors: f64,
     /// Share of the helicopters whose positions are not measured.
     pub without_positions: f64,
-    /// Share of the trials whose vehicle file has free parameters, where it knows some.
+    /// Share of the trials whose vehicle file has free parameters, where the vehicle has any.
     pub free: f64,
-    /// Declared noise of a drawn vehicle's sensor over the root mean square of a brisk response.
+    /// Declared noise of a drawn vehicle's sensor relative to the root mean square of a large response.
     pub noise_share: Interval,
     /// Natural frequency of a drawn axis, rad/s.
     pub axis_rad_s: Interval,
     /// Damping ratio of a drawn axis.
     pub axis_damping: Interval,
-    /// Largest coupling of one axis into another, relative to the axis's own stiffness.
+    /// Largest coupling of one axis into another, relative to the stiffness of the axis.
     pub axis_coupling: f64,
-    /// Effect of an axis's own input, relative to its stiffness.
+    /// Gain of an axis's own input, relative to the stiffness of the axis.
     pub axis_gain: Interval,
     /// Damping rate of a drawn speed, 1/s.
     pub speed_damping: Interval,
@@ -48,73 +48,76 @@ pub(crate) struct VehicleRanges {
     pub stability_margin: Interval,
     /// Share of the trials that do not start at rest.
     pub moving_start: f64,
-    /// Standard deviation of such an initial state over the root mean square of that state's motion.
+    /// Standard deviation of a moving initial state relative to the root mean square of that state's motion.
     pub start_spread: f64,
 }
 
-/// How the vehicle is excited.
+/// Ranges of the excitation.
 #[derive(Debug)]
 pub(crate) struct ExcitationRanges {
-    /// Kinds; each is as likely.
+    /// Kinds of excitation, equally likely.
     pub kinds: &'static [Excitation],
     /// Greatest command as a share of the input's limit.
     pub share: Interval,
-    /// How far that share may be moved for the sake of detectability: below, the motion drowns in noise.
+    /// Limits of `share` when it is scaled for detectability; below the lower one, noise would mask the
+    /// motion.
     pub share_limits: Interval,
-    /// What one input takes of that share.
+    /// Greatest command of one input relative to `share`.
     pub input_share: Interval,
-    /// Rest before the first step, s.
+    /// Time at rest before the first step, s.
     pub rest_s: Interval,
-    /// Unit of time of steps, in periods of the highest frequency that the vehicle follows.
+    /// Time unit of steps, in periods of the highest frequency that the vehicle follows.
     pub unit: Interval,
-    /// Height of steps over the greatest command.
+    /// Height of steps relative to the greatest command.
     pub level: Interval,
-    /// Pause between manoeuvres, in units of time.
+    /// Pause between manoeuvres, in time units.
     pub pause: Interval,
-    /// Lowest frequency of a sweep over the highest that the vehicle follows.
+    /// Lowest frequency of a sweep relative to the highest that the vehicle follows.
     pub sweep_lowest: Interval,
-    /// Corner frequency of pilot-like motion over the highest that the vehicle follows.
+    /// Corner frequency of pilot-like commands relative to the highest frequency that the vehicle follows.
     pub pilot_corner: f64,
 }
 
-/// Sensor noise.
+/// Ranges of the sensor noise.
 #[derive(Debug)]
 pub(crate) struct NoiseRanges {
-    /// Colours; each is as likely, and those of clean records take turns.
+    /// Kinds of noise, equally likely; clean records use them in turn.
     pub colours: &'static [ColourRange],
-    /// Size over the declared one, the same for all outputs.
+    /// Standard deviation relative to the declared one, common to all outputs.
     pub level: Interval,
-    /// The same for each output by itself.
+    /// Additional factor on it, drawn for each output.
     pub spread: Interval,
 }
 
-/// A colour of noise with the ranges of its parameters.
+/// A kind of noise with the ranges of its parameters.
 #[derive(Debug)]
 pub(crate) enum ColourRange {
     White,
-    /// First-order autoregressive with this coefficient.
+    /// First-order autoregressive noise with this coefficient.
     Ar1(f64),
-    /// A resonance at a share of the sampling rate.
+    /// A resonance whose frequency is a share of the sampling rate.
     Resonant {
         rate_share: Interval,
         radius: Interval,
     },
-    /// A resonance at a frequency that does not follow the sampling rate, Hz.
+    /// A resonance at a frequency, Hz, that is independent of the sampling rate.
     SlowResonant {
         frequency_hz: Interval,
         radius: Interval,
     },
-    /// Two resonances, each at a share of the sampling rate.
+    /// Two resonances whose frequencies are shares of the sampling rate.
     Ar4 {
         rate_shares: [Interval; 2],
         radius: Interval,
     },
-    /// White noise on a wandering zero: the time constant, s, and the share of the variance that is white.
+    /// White noise on a drifting zero, with the drift's time constant, s, and the share of the variance that
+    /// is white.
     Wandering {
         time_constant_s: Interval,
         white_share: Interval,
     },
-    /// White with the tails of Student's t: degrees of freedom from the first up to the second.
+    /// White noise with Student's t distribution; the degrees of freedom are at least the first number and
+    /// below the second.
     StudentT {
         degrees: (u32, u32),
     },
@@ -122,27 +125,27 @@ pub(crate) enum ColourRange {
 
 /// Sizes and other parameters of the table's effects.
 ///
-/// Where nothing else is said, a size is relative: to the peak of the input, to the root mean square of what drives the
-/// state, or to the output's noise.
+/// Unless stated otherwise, a size is relative to the peak of the input, to the root mean square of the terms
+/// of the state's derivative, or to the output's noise.
 #[derive(Debug)]
 pub(crate) struct EffectRanges {
-    /// s
+    /// Delay of an input, s.
     pub input_delay_s: Interval,
-    /// s
+    /// Time constant of an actuator lag, s.
     pub actuator_lag_s: Interval,
-    /// Distance of the factor from 1.
+    /// Deviation of the gain factor from 1.
     pub input_gain: Interval,
     /// Change of the gain over the record.
     pub gain_drift: Interval,
     pub input_bias: Interval,
     pub dead_zone: Interval,
-    /// Share that is cut from the peaks.
+    /// Share of the peaks that is cut off.
     pub input_saturation: Interval,
-    /// What is cut at the lower side over what is cut at the upper.
+    /// Share that is cut off at the lower side relative to that at the upper side.
     pub saturation_lean: Interval,
-    /// Time from stop to stop, s.
+    /// Time of a move over the whole command range, s.
     pub rate_limit_s: Interval,
-    /// Gap over the whole range of the input.
+    /// Gap relative to the whole range of the input.
     pub backlash: Interval,
     pub input_coupling: Interval,
     /// Period of the mode, s.
@@ -151,72 +154,72 @@ pub(crate) struct EffectRanges {
     /// Share of the modes whose gain is 1.
     pub mode_unit_gain: f64,
     pub mode_gain: Interval,
-    /// Distance of the factor from 1.
+    /// Deviation of the factor from 1.
     pub parameter_change: Interval,
     pub quadratic_drag: Interval,
     pub coulomb_friction: Interval,
-    /// Share of the frictions that are not the same to both sides.
+    /// Share of the frictions whose level depends on the direction.
     pub lopsided_friction: f64,
-    /// Asymmetry over level.
+    /// Asymmetry relative to the level.
     pub friction_asymmetry: Interval,
     pub cubic_stiffness: Interval,
     /// Share of the springs that harden.
     pub hardening: f64,
-    /// Size of a spring that softens, over that of one that hardens.
+    /// Size of a softening spring relative to that of a hardening one.
     pub softening: f64,
-    /// When, as a share of the record.
+    /// Time of the step, as a share of the record.
     pub step_at: Interval,
     pub step: Interval,
-    /// When, as a share of the record.
+    /// Start of the pulse, as a share of the record.
     pub pulse_at: Interval,
-    /// s
+    /// Duration of the pulse, s.
     pub pulse_s: Interval,
     pub pulse: Interval,
-    /// Hz
+    /// Frequency of the periodic disturbance, Hz.
     pub periodic_hz: Interval,
     pub periodic: Interval,
-    /// Hz
+    /// Bandwidth of the turbulence, Hz.
     pub turbulence_hz: Interval,
     pub turbulence: Interval,
-    /// Share of the trials whose turbulence has Dryden's second-order spectrum.
+    /// Share of the trials whose turbulence has the second-order Dryden spectrum.
     pub dryden: f64,
-    /// Share of the record that is left for the other mode.
+    /// Share of the record after the transition to the other mode.
     pub mode_transition: Interval,
     pub sensor_bias: Interval,
-    /// Over the record.
+    /// Drift over the whole record.
     pub sensor_drift: Interval,
-    /// Distance of the factor from 1.
+    /// Deviation of the scale factor from 1.
     pub sensor_scale: Interval,
-    /// s
+    /// Delay of a sensor, s.
     pub sensor_delay_s: Interval,
-    /// s
+    /// Time constant of a sensor lag, s.
     pub sensor_lag_s: Interval,
-    /// rad
+    /// Angle of a misalignment, rad.
     pub misalignment_rad: Interval,
     /// Share of the vibrations below half the sampling rate.
     pub vibration_below_half: f64,
-    /// Frequency of those, as a share of the sampling rate.
+    /// Frequency of the low vibrations, as a share of the sampling rate.
     pub vibration_low: Interval,
-    /// Frequency of the others, as a share of the sampling rate.
+    /// Frequency of the other vibrations, as a share of the sampling rate.
     pub vibration_high: Interval,
     pub vibration: Interval,
-    /// The whole noise over the declared one.
+    /// Total noise relative to the declared noise.
     pub noise: Interval,
     pub quantization: Interval,
-    /// Share that is cut from the peaks.
+    /// Share of the peaks that is cut off.
     pub output_saturation: Interval,
     pub dropouts: Interval,
     pub outliers: Interval,
     pub outlier_magnitude: Interval,
 }
 
-/// An effect outside the table with its ranges; what size and scale are, the effect says.
+/// An effect outside the table with its ranges; its kind defines size and scale.
 #[derive(Debug)]
 pub(crate) struct OutOfLibraryRange {
     pub kind: OutOfLibrary,
-    /// Relative to the motion, as the draft says.
+    /// Size relative to the motion, as defined in the draft.
     pub size: Interval,
-    /// In Hz or s where the effect says so, otherwise relative to the motion.
+    /// Scale in Hz or s where the effect defines it so, otherwise relative to the motion.
     pub scale: Interval,
     /// Dead time, s, where the effect has one.
     pub dead_time_s: Interval,

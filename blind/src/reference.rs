@@ -119,7 +119,7 @@ const OUTSIDE: [OutOfLibraryRange; 12] = [
     outside(OutOfLibrary::SweepingTone, (0.1, 5.0), (0.5, 3.0)),
 ];
 
-/// The scale of an effect that has none.
+/// The scale of an effect that uses no scale.
 const NONE: Interval = (1.0, 1.0);
 
 const fn outside(kind: OutOfLibrary, size: Interval, scale: Interval) -> OutOfLibraryRange {

@@ -11,27 +11,27 @@ use super::plan::Case;
 use super::trial::{Answer, Trial, Truth};
 use super::turbulence::Spectrum;
 
-/// Similarity of two signatures from which the causes cannot be distinguished.
+/// Similarity of two signatures above which their causes cannot be distinguished.
 pub const CONFUSABLE: f64 = 0.95;
-/// Detectability from which an effect counts for the goals.
+/// Detectability above which an effect counts for the goals.
 pub const COUNTS_FROM: f64 = 30.0;
 
 /// Outcome of a trial.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// Correct: the right name and location first; both effects of a pair; no name on a clean record; no name for
+    /// Correct: the right name and location first; both effects of a pair; no name on a clean record or for
     /// an effect outside the table.
     Right,
-    /// An effect outside the table got the name of an effect of the table that changes this record in the same
-    /// way: neither right nor wrong. The generator draws such trials anew where it knows them.
+    /// An effect outside the table was named as an effect of the table with nearly the same signature in this
+    /// record: neither right nor wrong. The generator redraws the trials that it recognizes as such.
     Alike,
-    /// Another name is first, and the truth is rightly listed as indistinguishable from it.
+    /// Another cause is first, and the truth is rightly listed as indistinguishable from it.
     Listed,
-    /// A wrong name or location first, or one wrong name of a pair, or any name where nothing in the table is
+    /// A wrong name or location first, a wrong name in a pair, or any name where no effect of the table is
     /// hidden.
     Wrong,
-    /// One effect of a pair is named rightly, and the other is not named.
+    /// One effect of a pair is named rightly, the other not at all.
     Half,
     /// No cause is named.
     Missed,
@@ -42,7 +42,7 @@ pub enum Outcome {
 /// A parameter of a correctly named effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ScoredParameter {
-    /// Effect and parameter.
+    /// Effect and parameter, as `effect.parameter`.
     pub name: String,
     /// True value, SI.
     pub truth: f64,
@@ -61,19 +61,19 @@ pub struct Scored {
     pub answer: Answer,
     /// SHA-256 of the sealed answer.
     pub seal: String,
-    /// How it ended.
+    /// Outcome of the trial.
     pub outcome: Outcome,
     /// Verdict of the diagnosis; empty when it failed.
     pub verdict: String,
-    /// Named causes as `effect(where)`, the first one first.
+    /// Named causes as `effect(where)`, in the order of the diagnosis.
     pub named: Vec<String>,
     /// Number of wrong names, at any position.
     pub wrong_names: usize,
-    /// Confusability of the first named cause with the truth, where it was needed.
+    /// Confusability of a named cause with the truth, where it was computed.
     pub kappa: Option<f64>,
     /// Parameters of correctly named effects.
     pub parameters: Vec<ScoredParameter>,
-    /// Held-out error over the noise floor: root mean square over outputs.
+    /// Held-out error relative to the noise floor, as a root mean square over the outputs.
     pub heldout: Option<f64>,
     /// Wall time of the diagnosis, s.
     pub seconds: f64,
@@ -88,7 +88,7 @@ impl Scored {
         self.answer.effects.iter().all(|t| t.lambda > COUNTS_FROM)
     }
 
-    /// Whether it ended as it should, or as well as it could.
+    /// Whether the outcome is right, or as good as the record allows.
     pub fn is_good(&self) -> bool {
         matches!(self.outcome, Outcome::Right | Outcome::Listed | Outcome::Alike)
     }
@@ -110,16 +110,16 @@ impl Scored {
         }
     }
 
-    /// Opens the seal: compares a diagnosis with the trial.
+    /// Opens the seal and scores a diagnosis against the truth of the trial.
     ///
     /// # Errors
-    /// When the true motion cannot be computed again, which [`Trial::draw`] has done before.
+    /// Fails when the true motion cannot be simulated again, which [`Trial::draw`] has done before.
     pub fn new(trial: &Trial, diagnosis: &Diagnosis, seal: String, seconds: f64) -> Result<Self, BlindError> {
         let vehicle = &trial.experiment.nominal.vehicle;
         let causes = &diagnosis.causes;
         let mut confusability = Confusability::new(trial);
         let mut parameters = Vec::new();
-        // For each cause the truth that it names, itself or by a confirmed listing.
+        // For each cause, the truth that it names (true), or rightly lists as indistinguishable (false).
         let mut meant: Vec<Option<(usize, bool)>> = Vec::new();
         for cause in causes {
             let open = |t: &usize| !meant.iter().flatten().any(|(taken, _)| taken == t);
@@ -180,7 +180,7 @@ impl Scored {
     }
 }
 
-/// Names without their spaces.
+/// A name without its spaces.
 fn tight(text: &str) -> String {
     text.chars().filter(|c| !c.is_whitespace()).collect()
 }
@@ -201,7 +201,7 @@ fn same(truth: &Effect, named: &Cause) -> bool {
     own == other || truth.kind() == Kind::Misalignment && turned(&own, &other)
 }
 
-/// The same pair in the other order, or the pair of its rates.
+/// Whether two pairs of outputs are equal, up to order and to the suffix `_rate`.
 fn turned(own: &str, other: &str) -> bool {
     let (Some((a, b)), Some((c, d))) = (own.split_once(','), other.split_once(',')) else { return false };
     let bare = |name: &str| name.strip_suffix("_rate").unwrap_or(name).to_string();
@@ -209,7 +209,7 @@ fn turned(own: &str, other: &str) -> bool {
     a == d && b == c || a == c && b == d
 }
 
-/// The parameters of a rightly named effect.
+/// Compares a correctly named effect's parameters with the truth.
 fn compare(vehicle: &Vehicle, truth: &Effect, named: &Cause, trial: &Trial) -> Vec<ScoredParameter> {
     let rate_hz = trial.answer.rate_hz;
     let folded = |hz: f64| (hz - (hz / rate_hz).round() * rate_hz).abs();
@@ -219,7 +219,7 @@ fn compare(vehicle: &Vehicle, truth: &Effect, named: &Cause, trial: &Trial) -> V
         let first = |place: &str| tight(place).split(',').next().unwrap_or_default().to_string();
         first(truth.place()).trim_end_matches("_rate") != first(&named.place).trim_end_matches("_rate")
     };
-    // A sine of negative amplitude equals one of positive amplitude, shifted by half a turn.
+    // A sine of negative amplitude equals one of positive amplitude, shifted by half a period.
     let flipped = ["amplitude"].iter().any(|n| named.estimate(n).is_some_and(|e| e.value < 0.0));
     let mut all = Vec::new();
     for (name, wanted) in truth.parameters() {
@@ -236,7 +236,7 @@ fn compare(vehicle: &Vehicle, truth: &Effect, named: &Cause, trial: &Trial) -> V
         };
         match name {
             "amplitude" if flipped => map(&|v| -v),
-            // Plus or minus, equally often.
+            // The sign of an outlier is random.
             "magnitude" if truth.kind() == Kind::Outliers => {
                 map(&f64::abs);
                 wanted = wanted.abs();
@@ -247,11 +247,11 @@ fn compare(vehicle: &Vehicle, truth: &Effect, named: &Cause, trial: &Trial) -> V
                 wanted = folded(wanted);
             }
             "phase_rad" if aliased => continue,
-            // Of another spectrum the bandwidth is another number.
+            // The bandwidth of a different spectrum is a different quantity.
             "bandwidth_hz" if trial.answer.spectrum != Spectrum::FirstOrder => continue,
             "phase_rad" => {
                 let turn = if flipped { std::f64::consts::PI } else { 0.0 };
-                // Brought next to the truth.
+                // Unwrap the phase next to the true one.
                 let said = estimate.value;
                 let shift = wrapped(said + turn - wanted) + wanted - said;
                 map(&|v| v + shift);
@@ -270,7 +270,7 @@ fn compare(vehicle: &Vehicle, truth: &Effect, named: &Cause, trial: &Trial) -> V
     all
 }
 
-/// A changed entry as its value or as a factor, whichever the truth does not have.
+/// The true size of a parameter change in its other form: as a value instead of a factor, or conversely.
 fn other_form(vehicle: &Vehicle, truth: &Effect, name: &str, wanted: f64) -> Option<(f64, &'static str)> {
     let Ok(Place::Entry(matrix, i, j)) = truth.resolve(vehicle) else { return None };
     let entry = match matrix {
@@ -282,7 +282,7 @@ fn other_form(vehicle: &Vehicle, truth: &Effect, name: &str, wanted: f64) -> Opt
     if name == "factor" { Some((wanted * entry, "value")) } else { Some((wanted / entry, "factor")) }
 }
 
-/// Confusabilities of named causes with the truth, computed by the truth model.
+/// Confusabilities of named causes with the truth, computed from the truth model.
 struct Confusability<'a> {
     trial: &'a Trial,
     detector: Option<Detector>,
@@ -294,8 +294,8 @@ impl<'a> Confusability<'a> {
         Self { trial, detector: None, last: None }
     }
 
-    /// Confusability of a cause with the truth number `index` that it replaces; `None` where the cause cannot be
-    /// simulated as stated, or is random and has no signature.
+    /// Confusability of a cause with the hidden effect number `index` that it replaces; `None` where the
+    /// cause cannot be simulated as stated, or where either is random and has no signature.
     fn of(&mut self, index: usize, cause: &Cause) -> Option<f64> {
         let trial = self.trial;
         let named = effect(cause)?;
@@ -315,7 +315,7 @@ impl<'a> Confusability<'a> {
         self.between([&named, &truth], &rest)
     }
 
-    /// That of a cause in place of what is outside the table.
+    /// Confusability of a cause with the trial's effect outside the table.
     fn outside(&mut self, cause: &Cause) -> Option<f64> {
         let experiment = &self.trial.experiment;
         let named = effect(cause).filter(|e| !random(e.kind()))?;
@@ -324,7 +324,7 @@ impl<'a> Confusability<'a> {
         self.between([&named, &truth], &experiment.expected(&[], None).ok()?)
     }
 
-    /// Of two motions, as changes of a third.
+    /// Confusability of two motions as changes of `rest`.
     fn between(&mut self, motions: [&[f64]; 2], rest: &[f64]) -> Option<f64> {
         let experiment = &self.trial.experiment;
         let detector = self.detector.get_or_insert_with(|| {
@@ -348,7 +348,7 @@ fn random(kind: Kind) -> bool {
     matches!(kind, Kind::Turbulence | Kind::Noise | Kind::Quantization | Kind::Dropouts | Kind::Outliers)
 }
 
-/// A named cause as an effect.
+/// Converts a named cause to an effect.
 fn effect(cause: &Cause) -> Option<Effect> {
     let kind = Kind::from_name(&cause.effect).ok()?;
     if kind == Kind::ModeTransition {
@@ -362,7 +362,8 @@ fn effect(cause: &Cause) -> Option<Effect> {
     Effect::new(kind, &cause.place, &numbers).ok()
 }
 
-/// Held-out error of the extended vehicle over the noise floor, as a root mean square over the outputs.
+/// Held-out error of the extended vehicle relative to the noise floor, as a root mean square over the
+/// outputs.
 fn heldout(trial: &Trial, diagnosis: &Diagnosis) -> Result<Option<f64>, BlindError> {
     let Some(part) = diagnosis.heldout else { return Ok(None) };
     let floor = trial.noise_floor(part.from_s, part.to_s)?;
@@ -375,7 +376,7 @@ fn heldout(trial: &Trial, diagnosis: &Diagnosis) -> Result<Option<f64>, BlindErr
     Ok((!ratios.is_empty()).then(|| (square / ratios.len() as f64).sqrt()))
 }
 
-/// The name of a truth, as in `input_delay(u_roll)`.
+/// The name of a hidden effect, as in `input_delay(u_roll)`.
 pub fn truth_name(truth: &Truth) -> String {
     format!("{}({})", truth.effect, truth.place)
 }

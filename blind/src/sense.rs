@@ -20,7 +20,7 @@ pub(crate) struct Noise {
 }
 
 impl Noise {
-    /// The noise itself: samples x outputs.
+    /// Draws the noise of all outputs (samples x outputs).
     pub fn draw(&self, samples: usize, period_s: f64, trial: u64) -> Vec<f64> {
         let p = self.std.len();
         let mut all = vec![0.0; samples * p];
@@ -52,10 +52,10 @@ enum Operation {
     Outlier(f64, f64, RandomStream),
 }
 
-/// The sensors of a vehicle on their way through a record.
+/// The sensors of a vehicle, which process a record sample by sample.
 pub(crate) struct Sensors<'a> {
     vehicle: &'a Vehicle,
-    /// Pairs of outputs that are turned into each other, with the angle, rad.
+    /// Misaligned pairs of outputs, with their angle of rotation, rad.
     turned: Vec<(usize, usize, f64)>,
     channels: Vec<Channel>,
     period_s: f64,
@@ -63,14 +63,14 @@ pub(crate) struct Sensors<'a> {
 
 struct Channel {
     operations: Vec<Operation>,
-    /// Samples from one new value to the next.
+    /// Number of samples from one new measurement to the next.
     every: usize,
     last: f64,
     kept: Option<f64>,
 }
 
 impl<'a> Sensors<'a> {
-    /// The sensors before the first of `samples` samples.
+    /// The sensors, ready for the first of `samples` samples.
     pub fn new(
         vehicle: &'a Vehicle,
         samples: usize,
@@ -103,8 +103,8 @@ impl<'a> Sensors<'a> {
         Ok(Self { vehicle, turned, channels, period_s })
     }
 
-    /// Sample `k`: turns the values that the sensors see into those that they report. `noise` is added where a
-    /// sensor's noise enters.
+    /// Converts sample `k` in place from the true sensor inputs to the reported values. `noise` is added
+    /// after the deterministic sensor errors.
     pub fn sample(&mut self, k: usize, row: &mut [f64], noise: Option<&[f64]>) {
         for (i, j, angle) in &self.turned {
             turn(self.vehicle, row, *i, *j, *angle);
@@ -120,7 +120,7 @@ impl<'a> Sensors<'a> {
     }
 }
 
-/// The record: samples x outputs.
+/// The record of a motion (samples x outputs).
 pub(crate) fn sense(
     vehicle: &Vehicle,
     motion: &Motion,
@@ -137,7 +137,7 @@ pub(crate) fn sense(
     Ok(sensed)
 }
 
-/// Turns a pair of outputs into each other, and their rates with them.
+/// Rotates a pair of outputs by `angle`, and their rates with them.
 fn turn(vehicle: &Vehicle, row: &mut [f64], i: usize, j: usize, angle: f64) {
     let rate = |i: usize| vehicle.output_index(&format!("{}_rate", vehicle.outputs[i].name));
     let rates = rate(i).zip(rate(j));
@@ -207,7 +207,7 @@ fn operations(
     operations
 }
 
-/// One sample through all of them; `kept` is the last value before outliers.
+/// Applies all operations to one sample; `kept` holds the last value before outliers.
 fn one(operations: &mut [Operation], sensed: f64, noise: f64, t: f64, kept: &mut Option<f64>) -> f64 {
     let mut y = sensed;
     let mut delivered = None;
@@ -222,7 +222,7 @@ fn one(operations: &mut [Operation], sensed: f64, noise: f64, t: f64, kept: &mut
             Operation::Square(size) => y += *size * y * y,
             Operation::Cube(size) => y += *size * y.powi(3),
             Operation::Sweep { from_hz, amplitude, length_s } => {
-                // The frequency grows in proportion to time, from f to 3 f.
+                // The frequency grows linearly with time, from f to 3 f.
                 y += *amplitude * (TAU * *from_hz * t * (1.0 + t / *length_s)).sin();
             }
             Operation::Record => y += noise,

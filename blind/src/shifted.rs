@@ -1,5 +1,5 @@
-//! The shifted ranges: they differ from the reference's, so that no value to which the diagnosis might have been
-//! fitted remains.
+//! The shifted ranges: they differ from the reference ranges wherever the diagnosis might have been fitted to
+//! those.
 
 use super::excitation::Excitation;
 use super::out_of_library::OutOfLibrary;
@@ -137,7 +137,7 @@ const OUTSIDE: [OutOfLibraryRange; 16] = [
     outside(OutOfLibrary::SweepingTone, (0.15, 8.0), (0.1, 0.45)),
 ];
 
-/// The scale of an effect that has none.
+/// The scale of an effect that uses no scale.
 const NONE: Interval = (1.0, 1.0);
 
 const fn outside(kind: OutOfLibrary, size: Interval, scale: Interval) -> OutOfLibraryRange {

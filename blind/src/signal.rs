@@ -1,20 +1,20 @@
 //! Inputs as piecewise linear functions of time, which may jump at their breakpoints.
 //!
-//! The result of an effect on such a signal is computed piece by piece, so that a delay, a rate limit or a play
-//! acts at its exact time, whatever the sampling.
+//! The response of an effect to such a signal is computed piece by piece, so that a delay, a rate limit or a
+//! backlash acts at its exact time, independent of the sampling.
 
-/// A linear piece that begins at a time.
+/// A linear piece of a signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Piece {
     /// Start, s.
     pub from: f64,
-    /// Value there.
+    /// Value at the start.
     pub value: f64,
-    /// Change per second.
+    /// Slope, per second.
     pub slope: f64,
 }
 
-/// A piecewise linear function of time; before its first breakpoint it stands at its rest value.
+/// A piecewise linear function of time, constant at its rest value before its first breakpoint.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Signal {
     rest: f64,
@@ -23,13 +23,13 @@ pub(crate) struct Signal {
     until: f64,
 }
 
-/// Pieces shorter than this are rounding, s.
+/// Length below which a piece is a rounding error, s.
 const SHORTEST: f64 = 1e-11;
-/// Longest piece by which a curve is replaced, s.
+/// Greatest length of the chords that approximate a curve, s.
 const CHORD: f64 = 1e-3;
 
 impl Signal {
-    /// A sampled signal that is held over each period.
+    /// A sampled signal with zero-order hold.
     pub fn held(values: impl Iterator<Item = f64>, period_s: f64, rest: f64) -> Self {
         let pieces: Vec<Piece> = values
             .enumerate()
@@ -39,13 +39,13 @@ impl Signal {
         Self { rest, pieces, until }
     }
 
-    /// Zero, then from each time on the value beside it, until `until`.
+    /// A piecewise constant signal, 0 before the first edge; an edge is a time and the new value.
     pub fn edges(edges: &[(f64, f64)], until: f64) -> Self {
         let pieces = edges.iter().map(|&(from, value)| Piece { from, value, slope: 0.0 }).collect();
         Self { rest: 0.0, pieces, until: until.max(edges.last().map_or(0.0, |e| e.0)) }
     }
 
-    /// The same with another value before its beginning.
+    /// The same signal with another value before its first breakpoint.
     pub fn resting(mut self, rest: f64) -> Self {
         self.rest = rest;
         self
@@ -56,7 +56,7 @@ impl Signal {
         self.spans().last().map_or(self.rest, |(from, end, value, slope)| value + slope * (end - from))
     }
 
-    /// Appends a signal that follows in time.
+    /// Appends a signal that is later in time.
     pub fn append(&mut self, next: &Self) {
         self.pieces.extend_from_slice(&next.pieces);
         self.until = next.until;
@@ -85,7 +85,7 @@ impl Signal {
         self.pieces.iter().zip(ends).map(|(p, end)| (p.from, end, p.value, p.slope))
     }
 
-    /// gain times the signal, and an offset.
+    /// The signal times `gain`, plus `offset`.
     pub fn affine(&self, gain: f64, offset: f64) -> Self {
         let map = |p: &Piece| Piece { from: p.from, value: gain * p.value + offset, slope: gain * p.slope };
         Self {
@@ -95,7 +95,7 @@ impl Signal {
         }
     }
 
-    /// A memoryless function of the signal that is linear between the given values of its argument.
+    /// A static function of the signal that is linear between the kinks, given as values of its argument.
     pub fn bent(&self, kinks: &[f64], f: impl Fn(f64) -> f64) -> Self {
         let mut out = self.empty(f(self.rest));
         let mut cuts = Vec::new();
@@ -113,7 +113,7 @@ impl Signal {
         out
     }
 
-    /// A curved function of time and value, approximated by chords of at most 1 ms.
+    /// A nonlinear function of time and value, approximated by chords of at most 1 ms.
     pub fn curved(&self, f: impl Fn(f64, f64) -> f64) -> Self {
         let mut out = self.empty(f(0.0, self.rest));
         let mut cuts = Vec::new();
@@ -134,7 +134,7 @@ impl Signal {
         }
     }
 
-    /// u (1 + rate t).
+    /// Gain drift: u (1 + rate t).
     pub fn drifting(&self, rate_per_s: f64) -> Self {
         if self.pieces.iter().any(|p| p.slope != 0.0) {
             return self.curved(|t, u| u * (1.0 + rate_per_s * t));
@@ -147,7 +147,7 @@ impl Signal {
         Self { rest: self.rest, pieces: self.pieces.iter().map(map).collect(), until: self.until }
     }
 
-    /// The signal that follows no faster than `limit` per second.
+    /// The signal after a rate limiter of `limit` per second.
     pub fn limited(&self, limit: f64) -> Self {
         let mut out = self.empty(self.rest);
         let mut position = self.rest;
@@ -167,7 +167,8 @@ impl Signal {
                 let meet = if closing > 0.0 { t + gap.abs() / closing } else { f64::INFINITY };
                 out.push(t, position, own);
                 if meet <= end {
-                    // The value is set exactly there: a remaining gap would be closed in steps too short to end.
+                    // The value is set exactly at the meeting time: a remaining gap would be closed in ever
+                    // shorter steps.
                     t = meet.max(t + SHORTEST);
                     position = target(t);
                 } else {
@@ -179,7 +180,8 @@ impl Signal {
         out
     }
 
-    /// The play operator with a gap of `width`: it stands still until the signal has crossed the gap.
+    /// The signal after a backlash with a gap of `width`: the output rests until the signal has crossed the
+    /// gap.
     pub fn played(&self, width: f64) -> Self {
         let half = 0.5 * width;
         let caught = |position: f64, u: f64| position.clamp(u - half, u + half);
@@ -188,7 +190,7 @@ impl Signal {
         for (from, end, value, slope) in self.spans() {
             position = caught(position, value);
             let wall = value - half * slope.signum();
-            // Time until the moving end of the gap reaches the position.
+            // Time at which the moving end of the gap reaches the position.
             let touch = if slope == 0.0 { f64::INFINITY } else { from + (position - wall) / slope };
             if touch > from + SHORTEST {
                 out.push(from, position, 0.0);
@@ -202,8 +204,8 @@ impl Signal {
         out
     }
 
-    /// Relay with hysteresis: plus `size` while the signal was last above `threshold`, minus `size` while it was
-    /// last below the negative.
+    /// Adds a relay with hysteresis: +size after the signal exceeded `threshold`, -size after it fell below
+    /// the negative threshold.
     pub fn relayed(&self, size: f64, threshold: f64) -> Self {
         let mut side = 0.0;
         let mut out = self.clone();
@@ -216,8 +218,8 @@ impl Signal {
         out
     }
 
-    /// Stiction: stands still until the signal is `width` away from it, and then jumps to the signal; sloped
-    /// pieces are checked every millisecond.
+    /// The signal after stiction: the output rests until the signal is `width` away from it, then jumps to
+    /// the signal; sloped pieces are checked every millisecond.
     pub fn sticking(&self, width: f64) -> Self {
         let mut position = self.rest;
         let mut out = self.empty(position);
@@ -235,7 +237,7 @@ impl Signal {
         out
     }
 
-    /// The signal delayed by `delay_s`.
+    /// The signal delayed by `delay_s`, after its rest value.
     pub fn delayed(mut self, delay_s: f64) -> Self {
         if delay_s > 0.0 {
             self = self.moved(delay_s);
@@ -245,14 +247,14 @@ impl Signal {
         self
     }
 
-    /// The same pieces later by `delay_s`, with nothing before them.
+    /// The same pieces later by `delay_s`, without a piece for the rest value before them.
     pub fn moved(mut self, delay_s: f64) -> Self {
         self.pieces.iter_mut().for_each(|p| p.from += delay_s);
         self.until += delay_s;
         self
     }
 
-    /// The value at a time; a jump counts as done at its time.
+    /// The value at time `t`; at a jump it is the new value.
     #[cfg(test)]
     pub fn at(&self, t: f64) -> f64 {
         let index = self.pieces.partition_point(|p| p.from <= t);
@@ -283,15 +285,15 @@ mod tests {
 
     #[test]
     fn a_rate_limit_follows_at_its_rate_and_stops_at_the_target() {
-        // To 1 at 4 per second takes 0.25 s; back from there.
+        // The move to 1 at 4 per second takes 0.25 s; then it moves back.
         let limited = steps(&[1.0, 1.0, 1.0, -1.0]).limited(4.0);
         agrees(&limited, |t| if t < 0.3 { (4.0 * t).min(1.0) } else { 1.0 - 4.0 * (t - 0.3) });
-        // It follows a ramp that is slower than itself, and catches up with it where it began behind.
+        // The output catches up with a ramp that is slower than the limit, and then follows it.
         let ramp = steps(&[1.0; 4]).drifting(1.0).limited(3.0);
         agrees(&ramp, |t| (3.0 * t).min(1.0 + t));
     }
 
-    /// A gap that rounding leaves would be closed in steps of 1e-11 s, until no memory is left for them.
+    /// A gap left by rounding must not be closed in steps of 1e-11 s, which would exhaust the memory.
     #[test]
     fn a_rate_limit_that_has_caught_up_follows_in_one_piece() {
         for gap in [1e-12, 1e-13, -1e-13, 1e-16] {
@@ -306,7 +308,7 @@ mod tests {
     fn a_play_moves_only_when_it_is_pushed() {
         let played = steps(&[1.0, 0.8, 0.3, -1.0]).played(0.4);
         agrees(&played, |t| [0.8, 0.8, 0.5, -0.8][(t / 0.1) as usize]);
-        // Pushed by a ramp from 1 to 2: from 0.8 at once, then along.
+        // A ramp from 1 to 2 moves the output from 0.8 on at once.
         let pushed = steps(&[1.0; 4]).drifting(2.5).played(0.4);
         agrees(&pushed, |t| 0.8 + 2.5 * t);
         let back = steps(&[1.0; 4]).drifting(-1.0).played(0.4);

@@ -15,70 +15,71 @@ pub const SCHEMA: &str = "whirlstand.blind.v1";
 /// The result of many trials.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
-    /// [`SCHEMA`].
+    /// Schema name, [`SCHEMA`].
     pub schema: String,
-    /// The call, for the reader.
+    /// The command line of the run, for the reader.
     pub call: String,
-    /// Goals, on trials whose hidden effects all have a detectability above 30.
+    /// Goals, computed from the trials whose hidden effects all have a detectability above 30.
     pub goals: Vec<Goal>,
-    /// Single effects by detectability.
+    /// Outcomes of single effects by range of detectability.
     pub classes: Vec<Class>,
-    /// Single effects with a detectability above 30: which was taken for which.
+    /// Confusion matrix of single effects with a detectability above 30.
     pub confusion: Vec<Row>,
-    /// Number of plans for which vehicle and excitation have no place, or whose effect cannot be seen at all
-    /// there.
+    /// Number of plans that were skipped because vehicle and excitation have no place for their effect or
+    /// cannot show it.
     pub skipped: usize,
     /// All trials.
     pub trials: Vec<Scored>,
 }
 
-/// A goal.
+/// A goal with its figure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Goal {
-    /// What is counted or measured.
+    /// Name of the figure.
     pub name: String,
-    /// The figure; `None` without a single case.
+    /// Value of the figure; `None` without any case.
     pub value: Option<f64>,
-    /// Hits, where it is a rate.
+    /// Number of hits, where the figure is a rate.
     pub hits: Option<usize>,
-    /// Cases.
+    /// Number of cases.
     pub of: usize,
     /// 95 % interval of a rate (Wilson).
     pub interval: Option<(f64, f64)>,
-    /// Least value that is good.
+    /// Least value that meets the goal.
     pub at_least: Option<f64>,
-    /// Greatest value that is good.
+    /// Greatest value that meets the goal.
     pub at_most: Option<f64>,
-    /// Cases that it takes to decide it: with fewer, one case weighs more than all that may go wrong.
+    /// Number of cases that are needed for a decision: with fewer, a single case exceeds the allowed share of
+    /// errors.
     #[serde(default)]
     pub least_cases: usize,
-    /// Whether the figure is within; `None` when it is not decided, because there are too few cases.
+    /// Whether the goal is met; `None` when there are too few cases for a decision.
     pub met: Option<bool>,
 }
 
-/// Trials of a range of detectability.
+/// Trials in a range of detectability.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Class {
-    /// From, inclusive.
+    /// Least detectability, inclusive.
     pub from: f64,
-    /// To, exclusive.
+    /// Greatest detectability, exclusive.
     pub to: f64,
-    /// How the trials ended.
+    /// Number of trials by outcome.
     pub outcomes: BTreeMap<Outcome, usize>,
 }
 
-/// What an effect was taken for.
+/// Row of the confusion matrix for an effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// The hidden effect.
     pub truth: String,
-    /// How the trials ended.
+    /// Number of trials by outcome.
     pub outcomes: BTreeMap<Outcome, usize>,
-    /// First named cause and count; `none` when nothing was named, `failed` without a diagnosis.
+    /// Number of trials by first named cause; `none` when nothing was named, `failed` without a diagnosis.
     pub named: BTreeMap<String, usize>,
 }
 
-/// Bounds of detectability of the classes.
+/// Bounds of the classes of detectability.
 const CLASSES: [f64; 6] = [0.0, 30.0, 100.0, 1e3, 1e4, f64::MAX];
 
 impl Tally {
@@ -112,7 +113,7 @@ impl Tally {
         Self { schema: SCHEMA.into(), call, goals, classes, confusion, skipped, trials }
     }
 
-    /// Trials that did not end as they should, among those that count.
+    /// Trials that count for the goals and have a bad outcome or a wrong name.
     pub fn failures(&self) -> impl Iterator<Item = &Scored> {
         self.trials.iter().filter(|t| t.counts() && (!t.is_good() || t.wrong_names > 0))
     }
@@ -169,7 +170,8 @@ fn goals(trials: &[Scored]) -> Vec<Goal> {
     goals
 }
 
-/// Colours whose clean records are told apart: the reference generator's, or those that there are beside them.
+/// Noise colours with a separate rate for clean records: those of the reference generator, or all that occur
+/// if there are others.
 fn colours(trials: &[Scored]) -> Vec<&'static str> {
     let clean = trials.iter().filter(|t| t.answer.case == Case::Clean);
     let found: BTreeSet<&str> = clean.map(|t| t.answer.noise.name()).collect();
@@ -209,10 +211,11 @@ fn middle(name: &str, values: &[f64], at_most: f64) -> Goal {
     }
 }
 
-/// Cases from which on the least and the greatest value enclose a median with 95 % confidence: 1 - 2 / 2^6 is 97 %.
+/// Least number of cases for which the smallest and the largest value enclose the median with 95 % confidence
+/// (1 - 2 / 2^6 = 97 %).
 const MEDIAN_CASES: usize = 6;
 
-/// Cases of which one weighs no more than the share that may go wrong.
+/// Least number of cases for which a single case is no more than the allowed share of errors.
 fn cases_to_decide(at_least: Option<f64>, at_most: Option<f64>) -> usize {
     let allowed = match (at_least, at_most) {
         (Some(least), None) => 1.0 - least,
@@ -220,11 +223,11 @@ fn cases_to_decide(at_least: Option<f64>, at_most: Option<f64>) -> usize {
         (Some(least), Some(most)) => (1.0 - most).min(1.0 - least),
         (None, None) => 1.0,
     };
-    // Rounded first: 1 / (1 - 0.95) is a little more than 20.
+    // The tolerance removes rounding errors: 1 / (1 - 0.95) is a little more than 20.
     (1.0 / allowed.max(1e-6) - 1e-6).ceil() as usize
 }
 
-/// 95 % interval of a rate (Wilson, J. Am. Stat. Assoc. 22, 1927): good for small counts too.
+/// 95 % confidence interval of a rate (Wilson, J. Am. Stat. Assoc. 22, 1927), valid for small counts too.
 fn wilson(hits: usize, of: usize) -> (f64, f64) {
     const Z: f64 = 1.959_963_984_540_054;
     let (n, p) = (of as f64, hits as f64 / of as f64);

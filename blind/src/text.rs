@@ -1,4 +1,4 @@
-//! A tally in words.
+//! The text form of a tally.
 
 use std::fmt::Write;
 
@@ -6,7 +6,7 @@ use super::score::{Outcome, Scored, truth_name};
 use super::tally::{Goal, Tally};
 
 impl Tally {
-    /// Goals, classes, confusions and failures as text. Writing to a string cannot fail.
+    /// Goals, classes, confusions and failures as text; writing to a string cannot fail.
     pub fn text(&self) -> String {
         let mut out = String::new();
         let _ = writeln!(out, "{:<44} {:>8}  {:>9}  {:<15} goal", "", "", "trials", "95 % interval");
@@ -49,7 +49,7 @@ impl Tally {
     }
 }
 
-/// One trial with its seal broken.
+/// Text of a trial, with the truth revealed.
 pub fn opened(trial: &Scored) -> String {
     let a = &trial.answer;
     let mut out = format!(

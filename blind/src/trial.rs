@@ -1,4 +1,4 @@
-//! A trial: drawn from its number, written for diagnosis, its answer sealed.
+//! A trial: drawn from its number, written to files for the diagnosis, with a sealed answer.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -17,7 +17,7 @@ use super::plan::{Case, Plan};
 use super::random::RandomStream;
 use super::turbulence::Spectrum;
 
-/// Number of draws of a trial before it is given up.
+/// Number of draws after which a trial is skipped.
 const ATTEMPTS: u32 = 10;
 
 /// A hidden effect.
@@ -25,24 +25,24 @@ const ATTEMPTS: u32 = 10;
 pub struct Truth {
     /// Name of the effect.
     pub effect: String,
-    /// Its place; for effects outside the table, in words.
+    /// Place at which the effect acts; for an effect outside the table, a description.
     #[serde(rename = "where")]
     pub place: String,
     /// Parameters in SI.
     pub parameters: BTreeMap<String, f64>,
-    /// Vehicle of a mode transition.
+    /// Target vehicle of a mode transition.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub to: Option<String>,
-    /// Detectability: squared change of the whitened record that neither the initial state nor the free parameters
-    /// explain, over the noise's variance; for pairs, beyond the other effect's change too.
+    /// Detectability: squared norm of the whitened change of the record that neither the initial state nor
+    /// the free parameters explain, relative to the noise variance; for pairs, nor the other effect.
     pub lambda: f64,
-    /// For an effect outside the table: the one of the table that is most like it among some that were tried, and |cos|
-    /// between their changes of the record.
+    /// For an effect outside the table: the most similar effect of the table among those tried, and the |cos|
+    /// of the angle between their signatures.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub nearest: Option<(String, f64)>,
 }
 
-/// The answer of a trial, sealed while diagnosis runs.
+/// The answer of a trial, which stays sealed while the diagnosis runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
     /// Number of the trial.
@@ -58,11 +58,11 @@ pub struct Answer {
     pub free: bool,
     /// Kind of excitation.
     pub excitation: Excitation,
-    /// Length, s.
+    /// Length of the record, s.
     pub duration_s: f64,
-    /// Sampling, Hz.
+    /// Sampling rate, Hz.
     pub rate_hz: f64,
-    /// Whether a law flew the vehicle.
+    /// Whether the vehicle was flown in closed loop.
     #[serde(default)]
     pub closed_loop: bool,
     /// Whether the vehicle file states the sensor noise.
@@ -70,9 +70,9 @@ pub struct Answer {
     pub noise_declared: bool,
     /// Colour of the noise.
     pub noise: Colour,
-    /// Noise of each output, SI.
+    /// Noise std of each output, SI.
     pub noise_std: Vec<f64>,
-    /// Spectrum of turbulence, where there is any.
+    /// Spectrum of the turbulence, where there is any.
     #[serde(default)]
     pub spectrum: Spectrum,
     /// The hidden effects.
@@ -96,10 +96,10 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Draws the trial of that plan; `None` when the setting has no place for its effects or cannot show them.
+    /// Draws the trial of a plan; `None` when the setting has no place for its effects or cannot show them.
     ///
     /// # Errors
-    /// When the user's vehicle or excitation cannot be used at all.
+    /// Fails when the user's vehicle or excitation cannot be used at all.
     pub fn draw(plan: &Plan, setting: &Setting) -> Result<Option<Self>, BlindError> {
         let mut failure = None;
         for attempt in 0..ATTEMPTS {
@@ -107,7 +107,7 @@ impl Trial {
             match Self::attempt(plan, Experiment::draw(plan, setting, &mut stream)?, attempt) {
                 Ok(Some(trial)) => return Ok(Some(trial)),
                 Ok(None) => {}
-                // Some effects of some size make a vehicle unstable: another is drawn.
+                // Some effects of some sizes make the vehicle unstable: another trial is drawn.
                 Err(e @ BlindError::Diverged { .. }) => failure = Some(e),
                 Err(e) => return Err(e),
             }
@@ -216,14 +216,14 @@ impl Trial {
         &self.experiment.nominal.toml
     }
 
-    /// The answer as it is sealed.
+    /// The answer as JSON, as it is sealed.
     pub fn answer_json(&self) -> String {
         // Numbers, texts and lists always serialise.
         serde_json::to_string_pretty(&self.answer).unwrap_or_default()
     }
 
-    /// Root mean square, for each output and over the samples of `from_s` to `to_s`, of what is left of the record
-    /// when the true motion is taken away: no model can do better.
+    /// Rms of each output's record minus the true motion, over the samples from `from_s` to `to_s`: no model
+    /// can have a smaller error.
     pub fn noise_floor(&self, from_s: f64, to_s: f64) -> Result<Vec<f64>, BlindError> {
         let truth = self.experiment.expected(&self.effects, self.outside.as_ref())?;
         let (p, period_s) = (self.answer.noise_std.len(), self.experiment.commands.period_s);

@@ -1,7 +1,7 @@
-//! The vehicle of a trial with everything that acts on its motion, as an ordinary differential equation.
+//! The equation of motion of a trial's vehicle with all effects, as an ordinary differential equation.
 //!
-//! This is written from the table's definitions alone. It uses nothing of the simulator that diagnosis uses, only
-//! the vehicle's matrices, limits and effects as data.
+//! It is written from the table's definitions alone and shares nothing with the simulator that the diagnosis
+//! uses, except the vehicle's matrices, limits and effects as data.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +18,7 @@ use super::random::RandomStream;
 use super::signal::Signal;
 use super::turbulence::turbulence;
 
-/// Rows of a matrix as lists of column and value, so that zeros cost nothing.
+/// A matrix in sparse form: each row is a list of columns and values.
 #[derive(Debug, Clone)]
 pub(crate) struct Sparse(Vec<Vec<(usize, f64)>>);
 
@@ -34,14 +34,14 @@ impl Sparse {
     }
 }
 
-/// A filter behind an input.
+/// A filter between input and vehicle.
 #[derive(Debug, Clone)]
 pub(crate) enum Filter {
     Lag { input: usize, state: usize, rate: f64 },
     Mode { input: usize, state: usize, w: f64, damping: f64, gain: f64 },
 }
 
-/// A term added to a derivative, beside A x + B u.
+/// A term of a state's derivative in addition to A x + B u.
 #[derive(Debug, Clone)]
 pub(crate) enum Force {
     Drag { state: usize, c: f64 },
@@ -57,7 +57,7 @@ pub(crate) enum Force {
     SelfExcitation { state: usize, size: f64, scale: f64 },
 }
 
-/// Dry friction on a state: the force against positive and against negative motion.
+/// Dry friction on a state: the deceleration in positive and in negative motion.
 #[derive(Debug, Clone)]
 pub(crate) struct Friction {
     pub state: usize,
@@ -80,9 +80,9 @@ pub(crate) struct SensorFilter {
     pub output: usize,
     pub state: usize,
     pub rate: f64,
-    /// `None` for a lag; how much of the filter's state is added, for a creep.
+    /// `None` for a lag; for creep, the gain of the filter's state in the output.
     pub creep: Option<f64>,
-    /// Distance that it closes no faster than in one time constant, where it slews.
+    /// Greatest distance that the filter closes per time constant, where its rate is limited.
     pub slew: Option<f64>,
 }
 
@@ -91,7 +91,7 @@ pub(crate) struct SensorFilter {
 pub(crate) struct TruthModel {
     pub n: usize,
     pub size: usize,
-    /// A and B of each stage, with the time from which it holds.
+    /// Matrices A and B of each stage, with the time from which they hold.
     pub stages: Vec<(f64, Sparse, Sparse)>,
     pub c: Sparse,
     pub d: Sparse,
@@ -113,7 +113,7 @@ pub(crate) struct TruthModel {
 }
 
 impl TruthModel {
-    /// The vehicle, its own effects and the hidden ones, under these commands.
+    /// The equation of motion of the vehicle with its own and the hidden effects, under these commands.
     pub fn new(vehicle: &Vehicle, commands: &Commands, hidden: Hidden<'_>) -> Result<Self, BlindError> {
         let all: Vec<&Effect> = vehicle.effects.iter().chain(hidden.effects).collect();
         let mut placed = Vec::with_capacity(all.len());
@@ -299,7 +299,7 @@ impl TruthModel {
         self.sensor_filters.push(SensorFilter { output, state, rate: 1.0 / time_constant_s, creep, slew });
     }
 
-    /// Chooses a step that is short compared with every dynamic of the model.
+    /// Chooses a step that is short compared with every time constant of the model.
     fn choose_step(&mut self, a: &DMatrix<f64>) {
         let own = std::iter::once(fastest(a));
         let filters = self.filters.iter().map(|f| match f {
@@ -316,7 +316,7 @@ impl TruthModel {
     }
 }
 
-/// The vehicle's matrices with changed entries.
+/// The matrices A, B, C and D of the vehicle with changed entries.
 type Matrices = (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, DMatrix<f64>);
 
 fn changed(vehicle: &Vehicle, placed: &[(&Effect, Place)]) -> Matrices {
@@ -336,7 +336,7 @@ fn changed(vehicle: &Vehicle, placed: &[(&Effect, Place)]) -> Matrices {
     (a, b, c, d)
 }
 
-/// A and B of another vehicle in this one's order of states and inputs.
+/// Matrices A and B of another vehicle, in this vehicle's order of states and inputs.
 fn successor(vehicle: &Vehicle, to: &str) -> Result<(DMatrix<f64>, DMatrix<f64>), BlindError> {
     let other = Vehicle::find_from(to, vehicle.folder.as_deref()).map_err(BlindError::effect)?;
     let missing = |what: &str, name: &str| {

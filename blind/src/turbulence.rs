@@ -1,4 +1,4 @@
-//! Turbulence: a random force of a known spectrum, from its stationary state, new every millisecond.
+//! Turbulence: a stationary random force of known spectrum, piecewise constant over 1 ms.
 
 use std::f64::consts::TAU;
 
@@ -11,17 +11,18 @@ use super::signal::Signal;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Spectrum {
-    /// White noise behind one lag: the definition of the table.
+    /// First-order low-pass filtered white noise: the definition of the table.
     #[default]
     FirstOrder,
-    /// Dryden's form across the flight path, white noise behind (1 + sqrt(3) T s) / (1 + T s)^2 (MIL-HDBK-1797).
+    /// The Dryden spectrum across the flight path: white noise filtered by (1 + sqrt(3) T s) / (1 + T s)^2
+    /// (MIL-HDBK-1797).
     Dryden,
 }
 
-/// Interval at which the force is new, s.
+/// Interval over which the force is constant, s.
 const FINE_S: f64 = 1e-3;
 
-/// The force on a state until `end_s`; T = 1 / (2 pi bandwidth).
+/// Draws the force on a state until `end_s`; the time constant T is 1 / (2 pi bandwidth).
 pub(crate) fn turbulence(
     spectrum: Spectrum,
     std: f64,
@@ -48,10 +49,10 @@ fn first_order(std: f64, decay: f64, count: usize, stream: &mut RandomStream) ->
     Signal::held(values.take(count), FINE_S, 0.0)
 }
 
-/// The fraction taken apart: sqrt(3) of one lag and 1 - sqrt(3) of two in series.
+/// Partial fractions of the Dryden filter: sqrt(3) times one lag and 1 - sqrt(3) times two lags in series.
 fn dryden(std: f64, decay: f64, count: usize, stream: &mut RandomStream) -> Signal {
     let (single, double) = (3f64.sqrt(), 1.0 - 3f64.sqrt());
-    // Stationary covariance of both lags for unit variance of the first, by Lyapunov's equation of the recursion.
+    // Stationary covariance of both lags for unit variance of the first, from the discrete Lyapunov equation.
     let cross = decay / (1.0 + decay);
     let second_variance = (1.0 - decay + 2.0 * decay * cross) / (1.0 + decay);
     let variance = single * single + 2.0 * single * double * cross + double * double * second_variance;
@@ -82,9 +83,10 @@ mod tests {
             let covariance = |lag: usize| {
                 values.iter().zip(&values[lag..]).map(|(a, b)| a * b).sum::<f64>() / values.len() as f64
             };
-            // Some 6000 correlation times: five standard errors are below 10 %.
+            // There are some 6000 correlation times: five standard errors are below 10 %.
             assert!((covariance(0) / (std * std) - 1.0).abs() < 0.1, "{spectrum:?} {}", covariance(0));
-            // Dryden's correlation across the path is exp(-r) (1 - r / 2), r in time constants: 0 at r = 2.
+            // The correlation of the Dryden spectrum is exp(-r) (1 - r / 2) with r in time constants, so it
+            // is 0 at r = 2.
             let correlation = covariance(318) / covariance(0);
             let expected = if spectrum == Spectrum::Dryden { 0.0 } else { (-2.0f64).exp() };
             assert!((correlation - expected).abs() < 0.06, "{spectrum:?} {correlation}");

@@ -18,19 +18,19 @@ use super::ranges::{Ranges, VehicleRanges};
 pub(crate) const HELICOPTERS: [&str; 3] =
     ["helicopter-hover", "helicopter-longitudinal", "helicopter-lateral"];
 
-/// A vehicle of a trial.
+/// The nominal vehicle of a trial.
 #[derive(Debug, Clone)]
 pub(crate) struct Nominal {
-    /// The vehicle that diagnosis gets, parsed from `toml`.
+    /// The vehicle that the diagnosis is given, parsed from `toml`.
     pub vehicle: Vehicle,
-    /// The file's text.
+    /// Text of the vehicle file.
     pub toml: String,
     /// Highest frequency of the excitation, Hz.
     pub highest_hz: f64,
 }
 
 impl Nominal {
-    /// A vehicle as it will be written.
+    /// The vehicle as read back from its written file.
     pub fn new(vehicle: &Vehicle) -> Result<Self, BlindError> {
         let toml = vehicle.to_toml();
         let mut vehicle = Vehicle::parse(&toml, "nominal.toml").map_err(BlindError::effect)?;
@@ -43,19 +43,19 @@ impl Nominal {
     }
 }
 
-/// The vehicle file of a user who does not know the sensor noise: without noise.
+/// The vehicle file without the sensor noise, as of a user who does not know it.
 pub(crate) fn without_noise(vehicle: &Vehicle) -> String {
     let mut silent = vehicle.clone();
     silent.outputs.iter_mut().for_each(|output| output.noise = 0.0);
     silent.to_toml()
 }
 
-/// About the highest frequency that the vehicle follows, Hz.
+/// Approximately the highest frequency that the vehicle follows, Hz.
 fn band(a: &DMatrix<f64>) -> f64 {
     (1.2 * fastest(a) / std::f64::consts::TAU).clamp(0.3, 3.0)
 }
 
-/// Draws a vehicle; `helicopter` asks for one of those.
+/// Draws a vehicle; with `helicopter`, one of the helicopters.
 pub(crate) fn draw(
     helicopter: bool,
     free: bool,
@@ -78,7 +78,7 @@ pub(crate) fn draw(
     Nominal::new(&vehicle)
 }
 
-/// Without declared vibration, whose phase no record shows, and with every sensor at the full rate.
+/// Removes the declared vibration, whose phase is unknown, and sets every sensor to the full rate.
 fn plain(mut vehicle: Vehicle) -> Vehicle {
     for output in &mut vehicle.outputs {
         output.vibration = None;
@@ -87,7 +87,7 @@ fn plain(mut vehicle: Vehicle) -> Vehicle {
     vehicle
 }
 
-/// A helicopter, half of the time without its positions, which only add up the speeds.
+/// A helicopter, sometimes without its position outputs, which only integrate the speeds.
 fn helicopter(ranges: &VehicleRanges, stream: &mut RandomStream) -> Result<Vehicle, BlindError> {
     let name = HELICOPTERS[stream.below(HELICOPTERS.len())];
     let mut vehicle = plain(Vehicle::builtin(name).map_err(BlindError::effect)?);
@@ -101,13 +101,14 @@ fn helicopter(ranges: &VehicleRanges, stream: &mut RandomStream) -> Result<Vehic
     Ok(vehicle)
 }
 
-/// A stable vehicle of two to six states: axes with position and rate, coupled, or any matrix at all.
+/// A stable vehicle of two to six states: either coupled axes with position and rate, or a dense random
+/// matrix.
 fn random(ranges: &Ranges, stream: &mut RandomStream) -> Result<Vehicle, BlindError> {
     let own = &ranges.vehicles;
     let built = if stream.chance(0.7) { axes(own, stream) } else { dense(own, stream) };
     let text = built.text(&vec![1.0; built.outputs.len()]);
     let vehicle = Vehicle::parse(&text, "random").map_err(BlindError::effect)?;
-    // The sensors have realistic quality: noise of 0.3 to 2 % of a brisk response.
+    // The noise of each sensor is a realistic share of the response to pilot-like commands.
     let period_s = 0.01;
     let highest = band(&vehicle.a);
     let format = CommandFormat { inputs: vehicle.inputs.len(), samples: 3000, period_s, highest_hz: highest };
@@ -120,21 +121,21 @@ fn random(ranges: &Ranges, stream: &mut RandomStream) -> Result<Vehicle, BlindEr
             let square: f64 = response.iter().skip(i).step_by(p).map(|y| y * y).sum();
             let rms = (square * p as f64 / response.len() as f64).sqrt();
             let noise = rms * stream.scaled_within(own.noise_share);
-            // Two significant digits, as in a data sheet.
+            // Round to two significant digits, as in a data sheet.
             format!("{noise:.1e}").parse().unwrap_or(noise)
         })
         .collect();
     Vehicle::parse(&built.text(&noise), "random").map_err(BlindError::effect)
 }
 
-/// Numbers and names of a drawn vehicle.
+/// The matrices and names of a drawn vehicle.
 struct Built {
     name: String,
     a: DMatrix<f64>,
     b: DMatrix<f64>,
-    /// Name and unit.
+    /// Name and unit of each state.
     states: Vec<(String, &'static str)>,
-    /// States that are measured.
+    /// Indices of the states that are measured.
     outputs: Vec<usize>,
 }
 
@@ -167,7 +168,7 @@ impl Built {
     }
 }
 
-/// Four digits: what a person would write into a file.
+/// Rounds to four decimals, as in a hand-written file.
 fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
@@ -186,7 +187,7 @@ fn axes(ranges: &VehicleRanges, stream: &mut RandomStream) -> Built {
         a[(2 * i, 2 * i + 1)] = 1.0;
         a[(2 * i + 1, 2 * i)] = rounded(-w * w);
         a[(2 * i + 1, 2 * i + 1)] = rounded(-2.0 * damping * w);
-        // Couplings go one way, so that they leave the poles where they are.
+        // Couplings act in one direction only, so that they do not move the poles.
         for k in 0..i {
             a[(2 * i + 1, 2 * k)] = rounded(ranges.axis_coupling * w * w * stream.between(-1.0, 1.0));
             a[(2 * i + 1, 2 * k + 1)] = rounded(ranges.axis_coupling * w * stream.between(-1.0, 1.0));
@@ -241,7 +242,7 @@ mod tests {
             let vehicle = &nominal.vehicle;
             assert!(!vehicle.outputs.is_empty() && !vehicle.inputs.is_empty());
             let right = rightmost(&vehicle.a);
-            // The helicopters' positions are integrators.
+            // The positions of the helicopters are integrators, with poles at 0.
             assert!(right < 1e-9, "{} {right}", vehicle.name);
             assert!(vehicle.outputs.iter().all(|o| o.noise > 0.0 && o.every == 1));
         }

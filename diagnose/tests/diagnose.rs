@@ -1,4 +1,4 @@
-//! What a diagnosis says of records whose fault is known, and of records that are no good.
+//! Tests of diagnoses of records with a known fault, and of unusable records.
 
 mod support;
 
@@ -7,7 +7,7 @@ use whirlstand_diagnose::{Diagnosis, Options, Verdict, diagnose};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Kind, Vehicle, Window};
 
-/// The quadrotor with white noise alone.
+/// The quadrotor without vibration, with white sensor noise.
 fn quadrotor() -> Vehicle {
     let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
     vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
@@ -38,7 +38,7 @@ fn names(answer: &Diagnosis, effect: &str, place: &str) {
 #[track_caller]
 fn holds(answer: &Diagnosis, parameter: &str, truth: f64, within: f64) {
     let estimate = &answer.causes[0].parameters[parameter];
-    // Three times the half width: a test of five seeds must not fail by chance.
+    // The tolerance is three times the half width: a test of five seeds must not fail by chance.
     let reach = 1.5 * (estimate.high - estimate.low);
     assert!((estimate.value - truth).abs() <= reach, "{parameter}: {estimate:?}, in truth {truth}");
     assert!((estimate.value / truth - 1.0).abs() < within, "{parameter}: {estimate:?}, in truth {truth}");
@@ -123,7 +123,7 @@ fn a_flight_in_another_mode_than_the_files_is_told_by_that_modes_name() {
 fn a_tone_that_stops_with_the_engine_is_the_engines() {
     let tone = [("frequency_hz", 17.0), ("amplitude", 0.004), ("phase_rad", 0.0)];
     let shaken = with(Kind::Vibration, "pitch_rate", &tone);
-    // On the ground nothing moves: only sensors.
+    // On the ground nothing moves: only sensors vibrate.
     let ground = |vehicle: &Vehicle, seed| flight(vehicle, 10.0, &[0.0; 4], 0.0, Some(seed));
     let options = Options {
         engine_on: Some(ground(&shaken, 1)),

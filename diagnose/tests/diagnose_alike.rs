@@ -1,5 +1,5 @@
-//! What looks like something simpler, or like several things together: forces that follow a state, and modes of an
-//! actuator.
+//! Tests of effects that resemble simpler ones or combinations: forces that depend on a state, and modes of
+//! an actuator.
 
 mod support;
 
@@ -37,7 +37,7 @@ fn is_described(answer: &Diagnosis, like: &str) {
     assert!(answer.unexplained.description.to_lowercase().contains(like), "{like}: {}", answer.text());
 }
 
-/// A flight with a force on the pitch rate that switches against the pitch, a while later.
+/// A flight with a delayed relay force on the pitch rate that opposes the pitch.
 fn relayed(size: f64, threshold: f64, late_s: f64, seed: u64) -> Record {
     let late = (late_s / PERIOD_S) as usize;
     let (side, waiting) = (RefCell::new(0.0), RefCell::new(VecDeque::from(vec![0.0; late])));
@@ -72,7 +72,8 @@ fn a_spring_that_goes_in_waves_is_no_turbulence() {
     }
 }
 
-/// A mode imitates a gain and a lag together, but with a damping that nothing determines: it must not stand in their way.
+/// A mode imitates a gain and a lag together, with an indeterminate damping: it must not displace these
+/// causes.
 #[test]
 fn a_gain_and_a_lag_of_one_input_are_both_named() {
     for (seed, factor, lag) in [(36, 1.05, 0.038), (37, 0.92, 0.034)] {
@@ -104,7 +105,7 @@ fn a_mode_with_a_gain_is_one_cause_where_a_delay_and_a_gain_do_no_better() {
     }
 }
 
-/// Of a mode beyond what the commands excite nothing is left but its gain, and a little more than that.
+/// Of a mode above the excited frequencies, the record shows little more than its gain.
 #[test]
 fn a_fast_mode_is_listed_beside_the_gain_that_it_looks_like() {
     let mode = [("frequency_hz", 6.0), ("damping_ratio", 0.1), ("gain", 1.06)];

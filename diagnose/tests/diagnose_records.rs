@@ -1,4 +1,5 @@
-//! Diagnosis of real records, each from a linear baseline that `identify` fits. They are in the folder of WHIRLSTAND_DATA.
+//! Tests of diagnoses of real records, each from a linear baseline identified by `identify`. The records are
+//! in the folder WHIRLSTAND_DATA.
 
 use std::path::PathBuf;
 
@@ -20,7 +21,7 @@ fn baseline(name: &str) -> Vehicle {
     Vehicle::load(folder.join(name).with_extension("toml")).unwrap()
 }
 
-/// The free parameters of a vehicle from a part of a record, by output error.
+/// Identifies the free parameters of a vehicle from a part of a record, by the output-error method.
 fn identified(vehicle: &Vehicle, record: &Record, part: (f64, f64), period_s: Option<f64>) -> Vehicle {
     let segment = Segment::new(record, vehicle, period_s, (Some(part.0), Some(part.1))).unwrap();
     let source = Source { log: Log { file: record.origin.clone(), sha256: String::new() }, segment };
@@ -36,7 +37,7 @@ fn diagnosed(record: Record, vehicle: &Vehicle, period_s: Option<f64>) -> Diagno
     answer
 }
 
-/// A parameter of an effect that is named, or listed as the same in this record.
+/// A parameter of an effect that is named, or listed as indistinguishable in this record.
 fn named(answer: &Diagnosis, effect: &str, place: &str, parameter: &str) -> f64 {
     for cause in &answer.causes {
         if cause.effect == effect && cause.place == place {
@@ -51,7 +52,7 @@ fn named(answer: &Diagnosis, effect: &str, place: &str, parameter: &str) -> f64 
     panic!("{effect} on {place} is not named: {}", answer.summary)
 }
 
-/// Position error over tracking error of a free run, %.
+/// Position error of a free simulation relative to the tracking error, in %.
 fn position_error(vehicle: &Vehicle, record: &Record) -> f64 {
     let rmse =
         compare(record, vehicle, &CompareOptions::default()).unwrap().outputs["position"].rmse.unwrap();
@@ -68,7 +69,7 @@ fn the_axis_of_emps_has_friction() -> Outcome {
     let linear = identified(&baseline("emps"), &train, (0.0, 30.0), None);
     let answer = diagnosed(train, &linear, Some(0.01));
     let level = named(&answer, "coulomb_friction", "speed", "level");
-    // Published: 20.4 N on 95.1 kg.
+    // Published values: 20.4 N and 95.1 kg.
     assert!((level - 20.4 / 95.1).abs() < 0.02, "{level}");
     let extended = answer.extended.expect("a cause extends the vehicle");
     let (before, after) = (position_error(&linear, &test), position_error(&extended, &test));
@@ -81,8 +82,8 @@ fn the_hair_dryer_has_a_dead_time() -> Outcome {
     let record = data("dryer/dryer.csv")?;
     let linear = identified(&baseline("dryer"), &record, (0.0, 40.0), None);
     let answer = diagnosed(record, &linear, None);
-    // Two samples and the hold, which discrete models count as three. In one channel the input's delay and the
-    // sensor's are the same: the input's comes first, and nothing beside it.
+    // The delay is two samples and the hold, which discrete-time models count as three. In one channel the
+    // delays of input and sensor are indistinguishable: the input's comes first, as the only cause.
     let first = &answer.causes[0];
     assert_eq!(first.effect, "input_delay", "{}", answer.summary);
     assert!(answer.causes.len() == 1 && first.indistinguishable.iter().any(|o| o.effect == "sensor_delay"));
@@ -101,7 +102,7 @@ fn a_roll_axis_of_given_gain_lags() -> Outcome {
         ("actuator_lag", "u_roll")
     );
     let lag = answer.causes[0].parameters["time_constant_s"].value;
-    // Published: 0.072 s, of the motors with all that is late beside them.
+    // The published value is 0.072 s, for the motors together with all other delays.
     assert!((0.055..0.08).contains(&lag), "{lag}");
     Ok(())
 }
@@ -125,7 +126,7 @@ fn a_helicopter_in_hover_shakes_and_has_offsets() -> Outcome {
 
 fn the_motors_of_a_crazyflie_lag() -> Outcome {
     let record = data("crazyflie/thrust.csv")?;
-    // Before 3 s it stands on the ground.
+    // The vehicle stands on the ground before 3 s.
     let flight = record.between(3.0, 36.0);
     let linear = identified(&baseline("crazyflie-thrust"), &flight, (3.0, 19.0), Some(0.002));
     let answer = diagnosed(flight, &linear, Some(0.004));
@@ -134,7 +135,7 @@ fn the_motors_of_a_crazyflie_lag() -> Outcome {
     Ok(())
 }
 
-/// Before the search, no record is taken for one of another vehicle or in another unit, identified or not.
+/// The screening before the search refuses no real record for its unit or vehicle, identified or not.
 fn no_real_record_is_refused() -> Outcome {
     let records = [
         ("dryer", "dryer/dryer.csv"),

@@ -1,4 +1,4 @@
-//! Two causes at once, and what looks like a cause and is another thing.
+//! Tests of two simultaneous causes, and of effects that resemble another cause.
 
 mod support;
 
@@ -105,11 +105,12 @@ fn one_value_that_stands_far_out_is_an_outlier() {
     assert_eq!(named(&answer), [["outliers(roll)"]]);
     let fraction = &answer.causes[0].parameters["fraction"];
     assert!((fraction.value - 1.0 / 2500.0).abs() < 1e-6, "{fraction:?}");
-    // What noise reaches now and then is none.
+    // A deviation that noise reaches now and then is no outlier.
     assert!(diagnosis(with(4.0), &vehicle).causes.is_empty());
 }
 
-/// Gusts of a bandwidth of which a record of 18 s holds three periods only: what it shows of it must not be thrown away.
+/// An 18 s record holds only three periods of the turbulence bandwidth; the little that it shows must be
+/// used.
 #[test]
 fn slow_turbulence_is_sized_in_a_short_record() {
     let gusts = [("std", 0.1), ("bandwidth_hz", 0.17)];
@@ -125,12 +126,12 @@ fn slow_turbulence_is_sized_in_a_short_record() {
             println!("seed {seed}: {name} {value} in truth, {found:?}");
         }
     }
-    // Of four intervals of 95 %, two miss in one case of seventy.
+    // Of four 95 % intervals, two miss the truth in one case of seventy.
     assert!(inside + 1 >= values, "{inside} of {values} inside their intervals");
 }
 
-/// From the starts of a changed entry a few steps do not reach what its signature promises; a gain of the whole input,
-/// which is linear, must not win for that.
+/// A few iterations from the initial values of a changed entry do not reach the gain that its signature
+/// predicts; a gain of the whole input, which is linear, must not be preferred for that reason.
 #[test]
 fn a_small_change_of_an_entry_is_not_taken_for_a_gain() {
     let nominal = builtin("helicopter-longitudinal");
@@ -145,7 +146,8 @@ fn a_small_change_of_an_entry_is_not_taken_for_a_gain() {
     }
 }
 
-/// A noise model of high order follows a drift as closely as the drift itself does: it is the drift that is simpler.
+/// A noise model of high order fits a drift as well as the drift itself does; the drift is the simpler
+/// explanation.
 #[test]
 fn a_drift_beside_coloured_noise_is_no_colour() {
     let vehicle = builtin("quadrotor");
@@ -171,7 +173,7 @@ fn a_drift_beside_coloured_noise_is_no_colour() {
 #[test]
 fn a_force_that_follows_the_states_is_no_turbulence() {
     let vehicle = builtin("quadrotor");
-    // The product of roll rate and roll, onto the roll rate.
+    // The force on the roll rate is the product of roll rate and roll.
     let push = |x: &[f64]| vec![0.0, 4.0 * x[1] * x[0], 0.0, 0.0];
     for seed in [8, 9] {
         let record = pushed_flight(&vehicle, 25.0, &[0.0; 4], 3.0, Some(seed), push);
@@ -185,7 +187,8 @@ fn a_force_that_follows_the_states_is_no_turbulence() {
 fn wild_values_within_the_reach_of_a_noise_that_swings_are_outliers() {
     let vehicle = builtin("quadrotor");
     let std = vehicle.outputs[0].noise;
-    // Noise with a resonance at a fifth of the sampling rate: neighbours stand as far from each other as the wild values.
+    // Noise with a resonance at a fifth of the sampling rate: neighbouring samples differ by as much as the
+    // outliers.
     let mut stream = Stream::new(11, "resonant");
     let (mut one, mut two) = (0.0, 0.0);
     let mut noise = || {
@@ -216,7 +219,7 @@ fn wild_values_within_the_reach_of_a_noise_that_swings_are_outliers() {
 #[test]
 fn a_relay_in_an_input_is_no_gain_with_play() {
     let vehicle = builtin("quadrotor");
-    // Doublets of one height; the relay holds the last side until the input goes through to the other.
+    // Doublets of one height; the relay holds the last side until the input changes sign.
     let input = |k: usize| -> f64 {
         match k % 800 {
             100..200 => 0.6,
@@ -255,7 +258,8 @@ fn a_relay_in_an_input_is_no_gain_with_play() {
     assert_ne!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
 }
 
-/// An autoregressive model holds an offset at hardly any cost; what is declared of the noise says that it is none.
+/// An autoregressive noise model absorbs an offset at little cost; the declared noise shows that the offset
+/// is no noise.
 #[test]
 fn an_offset_is_no_noise_that_wanders() {
     let vehicle = builtin("quadrotor");

@@ -1,29 +1,29 @@
-//! Records as flights leave them: in closed loop, disturbed, with dropouts, of axes that are unstable or integrate, and
-//! with noise that nobody has declared. They are flown here by an integrator of their own.
+//! Tests of realistic flight records: in closed loop, with disturbances and dropouts, of unstable or
+//! integrating axes, and without declared noise. An integrator of this file simulates them.
 //!
-//! Each kind is flown from as many seeds as `WHIRLSTAND_SEEDS` says, one without it, and the share of right names is
-//! compared with what is asked of many.
+//! Each kind of record is simulated for `WHIRLSTAND_SEEDS` seeds, by default one, and the share of right
+//! names is compared with the required share.
 
 use whirlstand_diagnose::{Diagnosis, Options, Verdict, diagnose};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Stream, Vehicle};
 
-/// A first-order axis `rate' = a rate + b u` and its flight by a law with integral action.
+/// A first-order axis `rate' = a rate + b u` and its flight by a control law with integral action.
 struct Axis {
-    /// What the file says, 1/s and rad/s^2.
+    /// Parameters (a, b) in the vehicle file, 1/s and rad/s^2.
     file: (f64, f64),
-    /// What is true.
+    /// True parameters (a, b).
     truth: (f64, f64),
     /// Lag of the motors, s.
     lag_s: f64,
-    /// Proportional and integral gain of the law; how often a second its reference changes.
+    /// Proportional gain, integral gain, and changes of the reference per second.
     law: (f64, f64, f64),
-    /// Standard deviation of gusts, rad/s^2, which forget within 0.3 s.
+    /// Standard deviation of first-order gusts, rad/s^2, with a time constant of 0.3 s.
     gusts: f64,
     noise: f64,
     period_s: f64,
     duration_s: f64,
-    /// Dropouts, and how long each is, s.
+    /// Number of dropouts, and the length of each, s.
     dropouts: (usize, f64),
 }
 
@@ -86,7 +86,7 @@ fn diagnosis(record: Record, vehicle: &Vehicle) -> Diagnosis {
     diagnose(vec![record], vehicle, &Options::default()).unwrap()
 }
 
-/// What came of a flight.
+/// Outcome of a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Came {
     Right,
@@ -94,7 +94,7 @@ enum Came {
     Wrong,
 }
 
-/// The first cause and those it cannot be told from.
+/// Compares the effect of the first cause with the accepted effects.
 fn first(answer: &Diagnosis, effects: &[&str]) -> Came {
     match answer.causes.first() {
         None => Came::Nothing,
@@ -103,12 +103,13 @@ fn first(answer: &Diagnosis, effects: &[&str]) -> Came {
     }
 }
 
-/// Flies all seeds: nine in ten right, and at most three in a hundred wrong, each within what chance does to so few.
+/// Tests all seeds: at least 90 % right and at most 3 % wrong, each within two standard deviations of the
+/// count.
 fn judged(kind: &str, judge: impl Fn(u64) -> (Came, Diagnosis)) {
     judged_over(1, kind, judge);
 }
 
-/// As [`judged`], over so many seeds at least.
+/// As [`judged`], with at least `least` seeds.
 fn judged_over(least: u64, kind: &str, judge: impl Fn(u64) -> (Came, Diagnosis)) {
     let asked = std::env::var("WHIRLSTAND_SEEDS").ok().and_then(|s| s.parse().ok());
     let seeds: u64 = asked.unwrap_or(1).max(least);
@@ -133,7 +134,7 @@ fn judged_over(least: u64, kind: &str, judge: impl Fn(u64) -> (Came, Diagnosis))
     assert!(f64::from(wrong) <= 0.03 * n + margin(0.03), "{kind}: {wrong} wrong of {seeds}: {missed:#?}");
 }
 
-/// A value of the first cause within a share of the truth.
+/// A parameter value of the first cause; NaN where there is none.
 fn value(answer: &Diagnosis, name: &str) -> f64 {
     answer.causes.first().and_then(|c| c.parameters.get(name)).map_or(f64::NAN, |p| p.value)
 }
@@ -225,7 +226,7 @@ fn a_model_that_predicts_nothing_is_not_consistent() {
     });
 }
 
-/// A battery that runs down: thrust commands lose 8 % in 45 s, seen by an accelerometer.
+/// A discharging battery: the thrust per command falls by 8 % in 45 s, measured by an accelerometer.
 #[test]
 fn a_battery_that_runs_down_shows_although_no_noise_is_declared() {
     let text = "name = \"climb\"\nA = [[-25.0]]\nB = [[500.0]]\nstates = [{ name = \"a\", unit = \"m/s^2\" }]\n\
@@ -252,7 +253,8 @@ fn a_battery_that_runs_down_shows_although_no_noise_is_declared() {
     });
 }
 
-/// An axis flown in open loop by steps of up to 26 where its file says 10; a vehicle that answers them or does not.
+/// An open-loop flight with steps of up to 26 where the file's limit is 10; the vehicle follows beyond it or
+/// saturates.
 fn commanded_beyond(answers: bool, seed: u64) -> (Vehicle, Record) {
     let text = "name = \"axis\"\nA = [[-2.0]]\nB = [[1.0]]\nstates = [{ name = \"rate\", unit = \"rad/s\" }]\n\
                 inputs = [{ name = \"u\", lower = -10.0, upper = 10.0 }]\n[[outputs]]\nname = \"rate\"\nunit = \"rad/s\"\n";
@@ -294,8 +296,8 @@ fn commands_beyond_the_limits_say_whose_limit_is_wrong() {
     }
 }
 
-/// A rotor that spins up faster than it slows down follows no lag of first order: what rides on that misfit is no cause of
-/// its own. With one input and one output, the lag is the actuator's.
+/// A rotor that accelerates faster than it decelerates deviates from a first-order lag; this misfit must not
+/// become a second cause. With one input and one output, the lag is the actuator's.
 #[test]
 fn the_lag_of_a_rotor_stands_alone() {
     let text = "name = \"rotor\"\nA = [[-500.0]]\nB = [[500.0]]\nstates = [{ name = \"speed\", unit = \"rad/s\" }]\n\
@@ -331,14 +333,14 @@ fn the_lag_of_a_rotor_stands_alone() {
     });
 }
 
-/// The record begins with the step: its command never changes, and the axis answers, 0.3 s late.
+/// The step precedes the record: the command is constant, and the axis responds with a lag of 0.3 s.
 #[test]
 fn a_step_that_stands_from_the_first_sample_on_is_an_excitation() {
     let text = "name = \"axis\"\nA = [[-2.0]]\nB = [[1.0]]\nstates = [{ name = \"rate\", unit = \"rad/s\" }]\n\
                 inputs = [{ name = \"u\", lower = -10.0, upper = 10.0 }]\n\
                 [[outputs]]\nname = \"rate\"\nunit = \"rad/s\"\nnoise = 0.02\n";
     let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
-    // Of some seeds, a noise model fitted to the answer takes it for colour.
+    // With some seeds, a noise model that is fitted to the response explains it as coloured noise.
     judged_over(8, "a step from the first sample on", |seed| {
         let mut random = Stream::new(seed, "step");
         let (mut motor, mut rate) = (0.0, 0.0);
@@ -352,7 +354,8 @@ fn a_step_that_stands_from_the_first_sample_on_is_an_excitation() {
         }
         let answer = diagnosis(read(&csv), &vehicle);
         assert!(answer.data.iter().all(|d| d.kind != "no_excitation"), "{}", answer.text());
-        // In the vehicle file an actuator has settled on the first command: here, only a late sensor does the same.
+        // In the model the actuator is settled at the first command, so only a sensor lag gives the same
+        // response.
         (first(&answer, &["actuator_lag", "sensor_lag"]), answer)
     });
 }

@@ -1,4 +1,4 @@
-//! What is told of a record before the search: columns in a wrong unit, and a vehicle that it is not of.
+//! Tests of the screening before the search: columns in a wrong unit, and records of another vehicle.
 
 mod support;
 
@@ -9,7 +9,7 @@ use whirlstand_logs::Record;
 use whirlstand_logs::testing::noise;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
-/// The quadrotor with white noise alone.
+/// The quadrotor without vibration, with white sensor noise.
 fn quadrotor() -> Vehicle {
     let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
     vehicle.outputs.iter_mut().for_each(|o| o.vibration = None);
@@ -60,7 +60,7 @@ fn a_wrong_unit_ends_the_diagnosis_and_says_what_to_write() {
     }
 }
 
-/// An effect, where it acts, and its parameters.
+/// Kind of effect, place and parameters.
 type Fault = (Kind, &'static str, &'static [(&'static str, f64)]);
 
 #[test]
@@ -90,7 +90,7 @@ fn a_strong_fault_is_no_unit_and_no_other_vehicle() {
     }
 }
 
-/// A wrong vehicle is wrong in many of its gains, and one of them may come near a ratio of units by chance.
+/// A wrong vehicle has many wrong gains, one of which may be near a ratio of units by chance.
 #[test]
 fn the_record_of_another_vehicle_is_no_unit() {
     let helicopters = ["helicopter-hover", "helicopter-lateral", "helicopter-longitudinal"];
@@ -106,7 +106,7 @@ fn the_record_of_another_vehicle_is_no_unit() {
     }
 }
 
-/// Products of several ratios come near any number: 30 is near 9.81 times 3.6.
+/// Products of several unit ratios come near any number: 30 is near 9.81 times 3.6.
 #[test]
 fn a_gain_that_no_unit_has_is_no_pair_of_units() {
     for (factor, seed) in [(30.0, 1), (6.0, 2), (0.045, 3)] {
@@ -118,7 +118,7 @@ fn a_gain_that_no_unit_has_is_no_pair_of_units() {
     }
 }
 
-/// What is wrong with the vehicle beside a unit does not hide the unit.
+/// A fault of the vehicle does not hide a wrong unit.
 #[test]
 fn a_unit_is_told_beside_a_strong_fault() {
     let faults: [Fault; 4] = [
@@ -151,8 +151,8 @@ fn a_record_with_the_commands_of_another_flight_is_refused() {
     assert!(answer.data.iter().any(|f| f.kind == "vehicle" && f.blocking), "{}", answer.text());
 }
 
-/// A body that turns freely, its motors late by a lag of 50 ms, under a load that swings and that a controller of attitude
-/// answers: most of what the commands do is to cancel what disturbs the vehicle.
+/// A freely rotating body with motor lags of 50 ms under an oscillating load, with attitude control: the
+/// commands mostly cancel the disturbance.
 fn under_a_swinging_load() -> Record {
     let (period_s, steps) = (0.005, 6000);
     let (pushes, sensor, hand) = (noise(steps, 11), noise(steps, 12), noise(steps, 13));
@@ -192,7 +192,7 @@ fn only_a_model_of_the_vehicle_tells_what_comes() {
                 inputs = [{ name = 'u' }]\noutputs = [{ name = 'rate', unit = 'rad/s' }]";
     let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
     let (steps, sensor, hand) = (3000, noise(3000, 21), noise(3000, 22));
-    // An axis of the same gain, a weaker one, and one that is turned round.
+    // An axis of the same gain, a weaker one, and one of opposite sign.
     for (gain, foreseen) in [(1.0, true), (0.7, true), (-1.0, false)] {
         let (mut rate, mut commands, mut rates) = (0.0, Vec::new(), Vec::new());
         for k in 0..steps {

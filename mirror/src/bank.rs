@@ -1,24 +1,27 @@
-//! A bank of cumulative sums on whitened innovations: has prediction become wrong, and since when.
+//! A bank of cumulative-sum tests on whitened innovations: whether the prediction has become wrong, and since
+//! when.
 //!
-//! Each sum is that of the log-likelihood ratios of one change against none, held at zero from below (Page 1954; Basseville and
-//! Nikiforov 1993, 2.2). The changes: a mean of several sizes to either side, a standard deviation larger by several factors, and
-//! a value that repeats; beside them stand the [tones](Tones). Sizes lie so close that a change between two of them costs little (2.2.3 there, on unknown sizes).
+//! Each test accumulates the log-likelihood ratio of one change against no change, bounded below by zero
+//! (CUSUM; Page 1954; Basseville and Nikiforov 1993, 2.2). The changes are mean shifts of several sizes to
+//! either side, increases of the standard deviation by several factors, and a repeating value; the
+//! [tones](Tones) are tested separately. The sizes are so close that a change between two of them costs
+//! little power (2.2.3 there, on unknown sizes).
 
 use crate::run_length::{mean_threshold, variance_threshold};
 use crate::tones::Tones;
 
-/// Means in standard deviations of an innovation; a factor of four apart, a change between two of them is found with four
-/// fifths of the information that the right size would have.
+/// Mean shifts in standard deviations of an innovation, a factor of four apart: a shift between two of them
+/// is detected with four fifths of the information that a test of its own size would have.
 const MEANS: [f64; 4] = [0.05, 0.2, 0.8, 3.2];
 
-/// Factors of the standard deviation.
+/// Factors by which the standard deviation increases.
 const SPREADS: [f64; 2] = [1.3, 3.0];
 
-/// Tests of one innovation.
+/// Number of tests per output, without tones.
 const TESTS: usize = 2 * MEANS.len() + SPREADS.len() + 1;
 
-/// Largest log-likelihood ratio of one value that repeats: what a sensor without rounding shows never happens twice, but
-/// that is no reason to be certain after one.
+/// Upper limit of the log-likelihood ratio of one repeated value: a sensor without rounding never repeats a
+/// value, but one repetition must not give certainty.
 const LARGEST_REPEAT: f64 = 12.0;
 
 /// Kind of change that a cumulative sum tests for.
@@ -34,7 +37,7 @@ pub enum Change {
     Tone,
 }
 
-/// A test has passed its threshold.
+/// The alarm of a test whose sum exceeds its threshold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Alarm {
     /// Index of the output.
@@ -52,7 +55,7 @@ struct Sum {
 }
 
 impl Sum {
-    /// Adds a log-likelihood ratio, and returns whether the sum exceeds the threshold.
+    /// Adds a log-likelihood ratio to the sum; returns whether the sum exceeds the threshold.
     #[inline]
     fn add(&mut self, ratio: f64, threshold: f64, step: u64) -> bool {
         self.value += ratio;
@@ -76,8 +79,8 @@ pub struct Bank {
 }
 
 impl Bank {
-    /// `repeats`: for each output, the probability that a value repeats the one before without any change. The
-    /// whole bank alarms once in `steps` on average.
+    /// `repeats`: for each output, the probability without any change that a value equals the one before. The
+    /// whole bank raises one false alarm in `steps` on average.
     pub fn new(repeats: &[f64], steps: f64) -> Self {
         let count = repeats.len();
         let each = steps * (count * (TESTS + Tones::TESTS)) as f64;
@@ -85,8 +88,8 @@ impl Bank {
             sums: vec![[Sum::default(); TESTS]; count],
             means: MEANS.map(|size| mean_threshold(size, each)),
             spread: variance_threshold(each),
-            // The alternative is that half of the values repeat, against the share that repeats without a
-            // change.
+            // The alternative hypothesis is that half of the values repeat; the null hypothesis is the share
+            // without a change.
             repeats: repeats
                 .iter()
                 .map(|p| ((0.5 / p.max(1e-12)).ln().min(LARGEST_REPEAT), (0.5 / (1.0 - p.min(0.999))).ln()))
@@ -102,8 +105,8 @@ impl Bank {
         self.tones.restart(step);
     }
 
-    /// Takes in the whitened innovations and the values of a step. Returns the alarm that exceeds its threshold
-    /// most, if any.
+    /// Processes the whitened innovations and values of a step, for the outputs in `fresh`. Returns the alarm
+    /// with the largest ratio of sum to threshold, if any.
     pub fn step(&mut self, step: u64, whitened: &[f64], y: &[f64], fresh: u64) -> Option<Alarm> {
         let mut worst: Option<(f64, Alarm)> = None;
         for (output, sums) in self.sums.iter_mut().enumerate() {

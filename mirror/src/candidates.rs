@@ -1,7 +1,7 @@
-//! The candidate causes: every effect that fits the vehicle, with initial sizes.
+//! The candidate causes: every effect that fits the vehicle, with initial values.
 //!
-//! The sizes follow from the captured motion: an effect that changes nothing in it cannot be distinguished
-//! from no effect.
+//! The initial values follow from the captured motion: an effect that changes nothing in it cannot be
+//! distinguished from no effect.
 
 use whirlstand_vehicle::{Effect, Kind, Matrix, Vehicle, builtin_names};
 
@@ -9,17 +9,17 @@ use crate::capture::Capture;
 use crate::known::Knowledge;
 use crate::replay::{Belief, REACH_S};
 
-/// An unknown parameter that is estimated.
+/// An unknown parameter that is estimated, with its limits.
 #[derive(Debug, Clone, Copy)]
 pub struct Open {
     pub name: &'static str,
     pub lower: f64,
     pub upper: f64,
-    /// A small change of the value, for finite differences.
+    /// Step of the value for finite differences.
     pub small: f64,
 }
 
-/// An effect at a location, with unknown values.
+/// An effect at a location, with unknown parameter values.
 #[derive(Debug, Clone)]
 pub struct Candidate {
     pub kind: Kind,
@@ -28,35 +28,36 @@ pub struct Candidate {
     pub open: Vec<Open>,
     fixed: Vec<(&'static str, f64)>,
     pub starts: Vec<Vec<f64>>,
-    /// The value of its input that the effect remembers at its onset and that its motion depends on: index of the
-    /// input, and the limits of that value.
+    /// For an effect with memory: the index of its input, and the limits of the unknown value that the effect
+    /// held at its onset and that its motion depends on.
     pub memory: Option<(usize, Open)>,
 }
 
 impl Candidate {
-    /// Whether the other candidate is the same effect at the same location with other unknown values, such as
-    /// limits of one side and of both.
+    /// Whether the other candidate is the same effect at the same location with other unknown parameters,
+    /// such as one-sided and two-sided limits.
     pub fn is_same(&self, other: &Self) -> bool {
         self.kind == other.kind && self.place == other.place && self.text == other.text
     }
 
-    /// Whether the result of the effect depends on its state at the onset for longer than the motion does.
+    /// Whether the response depends on the effect's state at the onset for longer than the motion's memory.
     pub fn remembers(&self) -> bool {
         matches!(self.kind, Kind::Backlash | Kind::RateLimit)
     }
 
-    /// All estimated parameters, the effect's own first.
+    /// All estimated parameters: the effect's own, then that of `memory`.
     pub fn parameters(&self) -> impl Iterator<Item = &Open> {
         self.open.iter().chain(self.memory.iter().map(|(_, open)| open))
     }
 
-    /// The effect from a step on with these values, one for each of [`Self::parameters`].
+    /// The hypothesis that the effect acts from step `since` on with these values, one for each of
+    /// [`Self::parameters`].
     pub fn belief(&self, values: &[f64], since: u64) -> Option<Belief> {
         let stood = self.memory.as_ref().and_then(|_| values.last().copied());
         Some(Belief { effect: self.effect(values)?, since, stood })
     }
 
-    /// The effect with these values; `None` when the table does not allow them.
+    /// The effect with these values; `None` when they are invalid.
     pub fn effect(&self, values: &[f64]) -> Option<Effect> {
         if let Some(to) = &self.text {
             return Effect::mode_transition(0.0, to).ok();
@@ -69,10 +70,10 @@ impl Candidate {
     }
 }
 
-/// Sizes of the captured motion.
+/// Magnitudes of the captured motion.
 struct Sizes {
     inputs: Vec<f64>,
-    /// Least and greatest value of each input, and its fastest change, 1/s.
+    /// Least and greatest value of each input, and (`rates`) its fastest change, 1/s.
     span: Vec<(f64, f64)>,
     rates: Vec<f64>,
     states: Vec<f64>,
@@ -174,7 +175,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Adds both limits, or only the one that the input reaches.
+    /// Adds an upper limit, a lower limit, and both together.
     fn saturation(&mut self, name: &str, low: f64, high: f64) {
         let play = high - low;
         let at = |share: f64| low + share * play;
@@ -200,7 +201,7 @@ impl Builder<'_> {
                 let nominal = values[(i, j)];
                 let alone =
                     matrix == Matrix::B && vehicle.b.column(j).iter().filter(|v| **v != 0.0).count() < 2;
-                // The only entry of an input's column is that input's gain.
+                // An entry that is alone in its input's column is equivalent to that input's gain.
                 if nominal == 0.0 || reach <= 0.0 || alone || vehicle.kinematic_row(i).is_some() {
                     continue;
                 }
@@ -280,7 +281,7 @@ impl Builder<'_> {
     }
 }
 
-/// All candidates that fit the vehicle, with sizes from the motion between two steps.
+/// All candidates that fit the vehicle, with initial values from the motion from step `from` up to step `to`.
 pub fn candidates(known: &Knowledge, capture: &Capture, from: u64, to: u64) -> Vec<Candidate> {
     let sizes = Sizes::of(capture, known, from, to);
     let mut builder = Builder { known, sizes, all: Vec::new() };

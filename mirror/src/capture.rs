@@ -1,16 +1,16 @@
-//! A buffer of the last steps, from which they can be replayed under another model.
+//! A buffer of the last steps, from which they can be simulated again with another model.
 
 use crate::lateness::Lateness;
 use crate::predictor::{Predictor, Sample};
 
-/// A ring of steps without a gap between them.
+/// A ring buffer of consecutive steps.
 #[derive(Debug, Clone)]
 pub struct Capture {
     rows: Vec<f64>,
     fresh: Vec<u64>,
     capacity: usize,
     widths: [usize; 7],
-    /// First kept step, and the step after the last one.
+    /// The first stored step, and the step after the last one.
     first: u64,
     next: u64,
     /// First step that must not be overwritten.
@@ -18,7 +18,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// A buffer for `capacity` steps of `outputs` and `inputs`, as `predictor` predicts them.
+    /// A buffer for `capacity` steps of `outputs` and `inputs`, with the predictions of `predictor`.
     pub fn new(capacity: usize, outputs: usize, inputs: usize, predictor: &Predictor) -> Self {
         let (states, errors) = (predictor.state().len(), predictor.errors().len());
         let widths = [outputs, inputs, states, errors, 2, predictor.gains_len(), outputs];
@@ -38,7 +38,7 @@ impl Capture {
         (self.first, self.next, self.held) = (step, step, None);
     }
 
-    /// Protects the steps from `step` on against overwriting, as far as there is room.
+    /// Protects the steps from `step` on against overwriting, until the buffer is full.
     pub fn hold(&mut self, step: u64) {
         self.held = Some(step.max(self.first));
     }
@@ -48,7 +48,8 @@ impl Capture {
         self.held.is_some_and(|from| self.next - from >= self.capacity as u64)
     }
 
-    /// Stores a step and the prediction before it; false when there is no room.
+    /// Stores a step and the prediction before it; false when there is no room or the step is not the next
+    /// one.
     pub fn push(&mut self, sample: &Sample<'_>, before: &Predictor) -> bool {
         if self.is_full() || sample.step != self.next {
             return false;
@@ -69,7 +70,7 @@ impl Capture {
         true
     }
 
-    /// Adds what the last step made of the prediction.
+    /// Adds the whitened innovations and gains of the last step.
     pub fn complete(&mut self, after: &Predictor) {
         let (whitened, gains) = (after.whitened(), after.gains_len());
         let slot = ((self.next - 1) % self.capacity as u64) as usize;
@@ -98,12 +99,12 @@ impl Capture {
         self.part(step, 2)
     }
 
-    /// The other predicted errors at a step.
+    /// The predicted errors other than those of the states at a step.
     pub fn errors(&self, step: u64) -> &[f64] {
         self.part(step, 3)
     }
 
-    /// Age of the measurements as it was known at a step, and its standard deviation, s; zero for a simulation.
+    /// Age of the measurements as estimated at a step, and its standard deviation, s; zero for a simulation.
     pub fn age(&self, step: u64) -> [f64; 2] {
         let age = self.part(step, 4);
         [age[0], age[1]]
@@ -114,17 +115,17 @@ impl Capture {
         self.part(step, 6)
     }
 
-    /// The gains of a step, where they are computed anew at every step.
+    /// The filter gains of a step, where they change at every step.
     pub fn gains(&self, step: u64) -> &[f64] {
         self.part(step, 5)
     }
 
-    /// First step kept.
+    /// The first stored step.
     pub fn first(&self) -> u64 {
         self.first
     }
 
-    /// The step after the last.
+    /// The step after the last stored one.
     pub fn next(&self) -> u64 {
         self.next
     }

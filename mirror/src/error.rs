@@ -1,4 +1,4 @@
-//! Errors of making a mirror.
+//! Errors in the construction of a mirror.
 
 use thiserror::Error;
 use whirlstand_control::SampledPlantError;

@@ -1,5 +1,5 @@
-//! Changes that no simulation reproduces: more noise, a tone, a repeated value. Their likelihood follows from the
-//! innovations.
+//! Changes that no deterministic simulation reproduces: more noise, a tone, repeated values. Their likelihood
+//! follows from the innovations.
 
 use whirlstand_vehicle::{Effect, Kind};
 
@@ -10,22 +10,22 @@ use crate::known::Knowledge;
 use crate::predictor::Predictor;
 use crate::replay::{Belief, predictor};
 
-/// Share of repeated values from which their effect on the filter is examined.
+/// Share of repeated values above which their effect on the filter is examined.
 const LEAST_SHARE: f64 = 0.2;
 
-/// Most samples in which a tone is searched, the last ones.
+/// Largest number of samples in which a tone is searched; the last ones are used.
 const TONE_SAMPLES: usize = 1024;
 
-/// A cause with its size and its evidence.
+/// A cause with its parameters and its evidence.
 #[derive(Debug, Clone)]
 pub struct Excess {
     pub effect: Effect,
     pub values: Vec<Value>,
     /// Log-likelihood ratio against no change.
     pub evidence: f64,
-    /// Number of its parameters.
+    /// Number of estimated parameters.
     pub parameters: usize,
-    /// Number of its samples.
+    /// Number of samples used.
     pub samples: u64,
 }
 
@@ -33,7 +33,7 @@ fn value(name: &'static str, value: f64, spread: f64) -> Value {
     Value { name, value, low: value - 1.96 * spread, high: value + 1.96 * spread }
 }
 
-/// All such changes of all outputs between two steps.
+/// Noise, tones and dropouts of all outputs from step `from` to `to`.
 pub fn all(known: &Knowledge, like: &Predictor, capture: &Capture, from: u64, to: u64) -> Vec<Excess> {
     let mut found = Vec::new();
     let mut series = Vec::new();
@@ -68,7 +68,7 @@ pub fn explains(
     let scale = 1.0 / (1.0 + (get("std") / sigma).powi(2)).sqrt();
     let turn = std::f64::consts::TAU * get("frequency_hz") * known.period_s;
     let repeats = effect.kind() == Kind::Dropouts;
-    // A tone is known only in the range where it was fitted.
+    // A tone is removed only in the range where it was fitted.
     let from = if effect.kind() == Kind::Vibration {
         from.max(to.saturating_sub(TONE_SAMPLES as u64))
     } else {
@@ -97,7 +97,7 @@ pub fn explains(
     })
 }
 
-/// Additional noise beyond the declared one: the variance has increased.
+/// Additional noise beyond the declared noise, estimated from the variance of the innovations.
 fn noise(place: &str, series: &[(u64, f64)], sigma: f64) -> Option<Excess> {
     let count = series.len() as f64;
     let variance = series.iter().map(|(_, e)| e * e).sum::<f64>() / count;
@@ -116,7 +116,7 @@ fn noise(place: &str, series: &[(u64, f64)], sigma: f64) -> Option<Excess> {
     })
 }
 
-/// A tone: the highest line of the periodogram.
+/// A tone, estimated at the maximum of the periodogram.
 fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option<Excess> {
     let last = &series[series.len().saturating_sub(TONE_SAMPLES)..];
     let count = last.len();
@@ -134,7 +134,8 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
         (a, b)
     };
     let spacing = (last[count - 1].0 - last[0].0) as f64 / (count - 1) as f64;
-    // Frequencies half a line apart; a tone with fewer than three periods in the window is a drift.
+    // The frequencies are half a line apart; a tone with fewer than three periods in the window counts as a
+    // drift.
     for k in 6..count {
         let w = std::f64::consts::PI * k as f64 / count as f64;
         let (a, b) = power(w);
@@ -142,7 +143,7 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
             (best, at) = (a * a + b * b, (w, a, b));
         }
     }
-    // Between the lines, the power is a parabola near its maximum.
+    // Refine between the lines, where the power is a parabola near its maximum.
     let (mut w, mut width) = (at.0, std::f64::consts::FRAC_PI_4 / count as f64);
     for _ in 0..12 {
         for candidate in [w - width, w + width] {
@@ -156,12 +157,12 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
     let n = count as f64;
     let amplitude = 2.0 * best.sqrt() / n;
     let frequency_hz = at.0 / (std::f64::consts::TAU * period_s * spacing);
-    // sum (a sin + b cos): the phase at the first sample, extrapolated to the start of the flight.
+    // The phase of a sin + b cos at the first sample, extrapolated to the start of the flight.
     let there = at.2.atan2(at.1);
     let phase = there - std::f64::consts::TAU * frequency_hz * period_s * last[0].0 as f64;
     let phase = phase.rem_euclid(std::f64::consts::TAU);
     let parameters = [("frequency_hz", frequency_hz), ("amplitude", sigma * amplitude), ("phase_rad", phase)];
-    // Bounds of Cramer and Rao for a tone in white noise (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974).
+    // Cramer-Rao bounds for a tone in white noise (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974).
     let ratio = 0.5 * amplitude * amplitude;
     let frequency = (6.0 / (ratio * n * n * n)).sqrt() / (std::f64::consts::TAU * period_s * spacing);
     Some(Excess {
@@ -176,7 +177,7 @@ fn tone(place: &str, series: &[(u64, f64)], sigma: f64, period_s: f64) -> Option
     })
 }
 
-/// Values that repeat the preceding one.
+/// Dropouts, from the share of repeated values.
 fn repeats(
     known: &Knowledge,
     like: &Predictor,
@@ -242,15 +243,15 @@ fn not_measured(
             sample.fresh &= !(1 << output);
         }
         without.step(&sample);
-        // Noise would have had a square of one where nothing is measured now.
+        // Where the repeated value is no measurement, noise would have contributed an expected square of one.
         sum += squares(capture.whitened(step)) - squares(without.whitened()) - f64::from(u8::from(again));
     }
     0.5 * sum
 }
 
-/// Probability, for each output, that a value repeats the one before without any change: two rounded values with
-/// different noise fall on the same step with probability q / (2 sigma sqrt(pi)). A sensor without noise may stand
-/// still at any time.
+/// Probability, for each output, that a value equals the one before without any change: two rounded values
+/// with different noise are equal with probability q / (2 sigma sqrt(pi)) for the quantization step q. A
+/// sensor without noise may be constant at any time.
 pub fn anyway(known: &Knowledge) -> Vec<f64> {
     let vehicle = &known.vehicle;
     let of = |o: &whirlstand_vehicle::Output| {

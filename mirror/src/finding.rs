@@ -5,15 +5,15 @@ use whirlstand_vehicle::{Effect, Kind};
 /// Stage of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
-    /// Prediction has become wrong; the cause is unknown.
+    /// The prediction has become wrong; the cause is unknown.
     Wrong,
-    /// The cause is named, as far as the data allow.
+    /// A cause is named, as far as the data allow.
     Named,
     /// The size or the cause differs from the one named before.
     Revised,
-    /// The named cause does not hold; prediction is still wrong.
+    /// The named cause is rejected; the prediction is still wrong.
     Withdrawn,
-    /// Prediction is right again.
+    /// The prediction is right again.
     Over,
 }
 
@@ -24,9 +24,9 @@ pub struct Value {
     pub name: &'static str,
     /// The most likely value, SI.
     pub value: f64,
-    /// Lower end of the interval that holds it with 95 %.
+    /// Lower end of the 95 % interval.
     pub low: f64,
-    /// Upper end of that interval.
+    /// Upper end of the 95 % interval.
     pub high: f64,
 }
 

@@ -1,13 +1,13 @@
 //! The known model of the vehicle, and the Kalman filter model for the errors of its simulation.
 //!
-//! The simulation itself follows everything that the vehicle file declares, linear or not. There remain the errors
-//! of its states, of turbulence, of sensors with lag and delay, and of tones of unknown phase; these errors obey
-//! the linear model.
+//! The simulation reproduces everything that the vehicle file declares, linear or not. The remaining errors
+//! are those of its states, of turbulence, of sensors with lag and delay, and of tones of unknown phase; they
+//! obey the linear model.
 //!
-//! A filter without process noise would never forget. This filter has just enough to forget like a mean over
-//! [`Knowledge::memory_s`]. The innovations of a vehicle that obeys its file then have at no frequency more power
-//! than the white noise that the tests assume, since noise that is assumed but absent is missing from their
-//! spectrum. So thresholds are conservative.
+//! A filter without process noise has infinite memory. This filter has the process noise that limits its
+//! memory like that of a mean over [`Knowledge::memory_s`]. The innovations of a vehicle that obeys its file
+//! then have at no frequency more power than the white noise that the tests assume, since assumed but absent
+//! noise is missing from their spectrum. The thresholds are therefore conservative.
 
 use nalgebra::DMatrix;
 use whirlstand_control::kalman::{FilterModel, KalmanFilter};
@@ -18,13 +18,13 @@ use whirlstand_vehicle::{Effect, Engine, Kind, LinearModel, Output, Vehicle};
 use crate::error::MirrorError;
 use crate::lateness::{Lateness, jitter_s};
 
-/// Noise that is assumed for a sensor that declares none, SI units: as small as the filter of the loop assumes
-/// it.
+/// Noise that is assumed for a sensor that declares none, SI units; the same small value as in the filter of
+/// the loop.
 const LEAST_NOISE: f64 = 1e-6;
 
-/// Memory in time constants of the slowest decaying pole, and its limits, s. Ten time constants contain the whole
-/// response of the motion to an effect; the limits bound the memory and the start for vehicles that only
-/// integrate.
+/// Memory in time constants of the slowest decaying pole, and (`MEMORY_S`) its limits, s. Ten time constants
+/// contain the whole response of the motion to an effect; the limits bound the memory and the initial phase
+/// for vehicles that only integrate.
 const MEMORY: f64 = 10.0;
 const MEMORY_S: (f64, f64) = (5.0, 30.0);
 
@@ -43,16 +43,16 @@ pub struct Knowledge {
     pub period_s: f64,
     /// State of the engine at the start, which sets the amplitude of declared vibrations.
     pub engine: Engine,
-    /// Whether a real vehicle is measured: its engine keeps no phase, while declared vibrations of a simulation have
-    /// those of the file, and its measurements are not of the step in which they arrive.
+    /// Whether a real vehicle is measured. Its vibrations have an unknown phase, while those of a simulation
+    /// have the phase in the file, and its measurements are older than the step in which they arrive.
     pub real: bool,
     /// Memory of the filter, s.
     pub memory_s: f64,
     /// Time constant of the fastest pole, s.
     pub fastest_s: f64,
-    /// Standard deviation of each output's noise.
+    /// Standard deviation of each output's noise, SI.
     pub noise: Vec<f64>,
-    /// Sizes of the states.
+    /// Typical magnitudes of the states.
     pub scales: Vec<f64>,
 }
 
@@ -88,24 +88,25 @@ impl Knowledge {
         })
     }
 
-    /// State of the engine that a simulation of the vehicle has.
+    /// Engine state for the simulation of the vehicle.
     pub fn simulated_engine(&self) -> Engine {
         if self.real { Engine::Off } else { self.engine }
     }
 
-    /// How late the measurements of a real vehicle are; `None` for a simulation.
+    /// The estimator of the measurement age of a real vehicle; `None` for a simulation.
     pub(crate) fn lateness(&self, filter: &KalmanFilter) -> Result<Option<Lateness>, MirrorError> {
         let linear = LinearModel::new(&self.vehicle)?;
-        // What passes a lag or a mode of an actuator arrives there later, and is as much in the end.
+        // A lag or a mode of an actuator delays the effect of an input but keeps its final value, so it is
+        // left out of `b`.
         let b = &self.vehicle.b;
         let c = linear.c.columns(0, linear.own).into_owned();
         let shaken = self.unpredictable(jitter_s(self.period_s));
         Ok(self.real.then(|| Lateness::new(filter, (b, &c), shaken, self.period_s)))
     }
 
-    /// Variance of each output by the part of declared vibrations that no filter predicts where the time of a sample
-    /// has a standard deviation of `jitter_s`: a tone's phase is then uncertain by w = 2 pi f `jitter_s`, which leaves
-    /// exp(-w^2) of its power.
+    /// Variance of each output from the part of declared vibrations that is unpredictable when sample times
+    /// have a standard deviation of `jitter_s`: the phase of a tone is then uncertain by w = 2 pi f
+    /// `jitter_s`, so that exp(-w^2) of its power remains predictable.
     fn unpredictable(&self, jitter_s: f64) -> Vec<f64> {
         let left = |amplitude: f64, frequency_hz: f64| {
             let phase = std::f64::consts::TAU * frequency_hz * jitter_s;
@@ -130,7 +131,8 @@ impl Knowledge {
         self.memory_s / self.period_s
     }
 
-    /// The filter's model, and the initial standard deviations. The vehicle's own states come first.
+    /// The filter's model, and the initial standard deviations of its states; the vehicle's own states come
+    /// first.
     ///
     /// # Errors
     /// [`MirrorError`] when the states are not detectable from the measurements.
@@ -157,8 +159,8 @@ impl Knowledge {
             }
             h.set_column(i, &sampled.h.column(a));
         }
-        // The initial uncertainty of each state is ten times its usual size; that of turbulence is its own
-        // size.
+        // The initial standard deviation of each state is ten times its typical magnitude; that of turbulence
+        // is its declared standard deviation.
         let largest = self.scales.iter().copied().fold(0.0, f64::max);
         let mut initial: Vec<f64> = self.scales.iter().map(|s| 10.0 * s).collect();
         initial.resize(linear.own, 0.0);
@@ -172,8 +174,8 @@ impl Knowledge {
             f.view_mut((at, at), (2, 2)).copy_from_slice(&[cosine, -sine, sine, cosine]);
             h[(output, at)] = 1.0;
             for i in at..at + 2 {
-                // This error is forgotten at the same rate as the states; that of a real vehicle within a second,
-                // because its phase jumps wherever a sample more or less lies between two steps.
+                // The tone's memory is that of the states; for a real vehicle it is at most a second, because
+                // the phase jumps wherever the number of samples between two steps differs by one.
                 let memory_s = if self.real { TONE_S.min(self.memory_s) } else { self.memory_s };
                 q[(i, i)] = (self.noise[output] * self.period_s / memory_s).powi(2);
                 initial.push(30.0 * self.noise[output]);
@@ -209,7 +211,7 @@ impl Knowledge {
         }
     }
 
-    /// Tones of unknown phase: output and frequency in Hz, as sampled.
+    /// Tones of unknown phase: output index and frequency after aliasing, Hz.
     fn tones(&self, linear: &LinearModel) -> Vec<(usize, f64)> {
         if !self.real {
             return Vec::new();
@@ -220,14 +222,14 @@ impl Knowledge {
             let order = v.harmonics.iter().enumerate().filter(|(_, h)| **h != 0.0);
             order.map(move |(k, _)| (i, (k + 1) as f64 * v.frequency_hz))
         });
-        // Sampling folds what is above half its rate into the band below.
+        // Sampling aliases frequencies above half its rate into the band below.
         let rate = 1.0 / self.period_s;
         let folded = |(output, f): (usize, f64)| (output, (f - rate * (f / rate).round()).abs());
         linear.tones.iter().copied().chain(harmonics).map(folded).filter(|(_, f)| *f > 0.0).collect()
     }
 
-    /// Density of the process noise on each of the vehicle's own states: the largest with which predictions are no
-    /// worse than those from a mean over the memory, with n parameters from so many samples.
+    /// Density of the process noise on each of the vehicle's own states: the largest for which the prediction
+    /// variance does not exceed that of n parameters estimated from the samples within the memory.
     fn process_noise(&self) -> Result<Vec<f64>, MirrorError> {
         let plain = Vehicle { effects: Vec::new(), ..self.vehicle.clone() };
         let linear = LinearModel::new(&plain)?;
@@ -268,7 +270,7 @@ impl Knowledge {
     }
 }
 
-/// State, standard deviation and corner frequency in 1/s of every turbulence.
+/// State index, standard deviation and corner frequency in rad/s of every declared turbulence.
 fn turbulence(vehicle: &Vehicle) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
     let all = vehicle.effects.iter().filter(|e| e.kind() == Kind::Turbulence);
     all.filter_map(|e| {
@@ -277,7 +279,7 @@ fn turbulence(vehicle: &Vehicle) -> impl Iterator<Item = (usize, f64, f64)> + '_
     })
 }
 
-/// Variance of the outliers that are declared at an output.
+/// Variance of the outliers that are declared for an output.
 fn outliers(effects: &[Effect], place: &str) -> f64 {
     let at = effects.iter().filter(|e| e.kind() == Kind::Outliers && e.place() == place);
     let variance = |e: &Effect| Some(e.parameter("fraction")? * e.parameter("magnitude")?.powi(2));

@@ -1,44 +1,46 @@
-//! How late the measurements of a real vehicle are, and what was expected when they were taken.
+//! The age of a real vehicle's measurements, and the outputs expected at the time when they were taken.
 //!
-//! A command takes time to the vehicle, a measurement back, and neither clock waits for the other: what arrives at a
-//! step belongs to an earlier moment. All of it shows as one age of the measurements, which [`MeasurementAge`]
-//! estimates from the innovations. A vehicle that stands still does not show it, and then it does not matter. Whole
-//! periods of it are taken off by [holding the inputs back](HeldInputs), so that what is simulated is what is measured;
-//! the rest is a time between two steps of the simulation.
+//! Commands and measurements take time, and the clocks are not synchronized: a measurement that arrives at a
+//! step belongs to an earlier time. All these delays together act as one age of the measurements, which
+//! [`MeasurementAge`] estimates from the innovations. A vehicle at rest does not show the age, but then it
+//! does not matter. Whole periods of the age are compensated by [holding the inputs back](HeldInputs), so
+//! that simulation and measurement agree; the remainder is a time between two steps of the simulation.
 
 use std::ops::Range;
 
 use nalgebra::DMatrix;
 use whirlstand_control::kalman::{AgeSpread, KalmanFilter, MeasurementAge};
 
-/// Age at the beginning, in periods: half of one until the measurement is read, half of one until the command is.
+/// Initial age, in periods: half a period until the measurement is read, half a period until the command is
+/// read.
 const FIRST_AGE: f64 = 1.0;
 
-/// Standard deviation of the age at the beginning, in periods.
+/// Initial standard deviation of the age, in periods.
 const UNCERTAIN: f64 = 2.0;
 
-/// Standard deviation of the change of the age within a second, in periods: where a sample more or less lies between
-/// two steps, the age jumps by a period, and clocks that differ by a thousandth let that happen every few seconds.
+/// Standard deviation of the change of the age per second, in periods: the age jumps by one period wherever
+/// the number of samples between two steps differs by one; with clocks that differ by a thousandth, this
+/// happens every few seconds.
 const JUMPS: f64 = 1.0;
 
-/// Standard deviation of the time of a single message, in periods: it takes a time that differs by up to a period, and
-/// then waits for a step for up to a period. The variance of an equal distribution is a twelfth; this is the root of a
-/// sixth.
+/// Standard deviation of the delay of a single message, in periods: the transmission time varies uniformly
+/// over a period, and so does the waiting time until a step. A uniform distribution has a variance of 1/12;
+/// this is the square root of 1/6.
 const JITTER: f64 = 0.408_248_290_463_863;
 
-/// Ages between which the inputs are held back for as many periods as they are, in periods, and the standard
-/// deviation from which on the age is known.
+/// Ages, in periods, at which the inputs need not be held back further; `KNOWN` is the standard deviation of
+/// the age, in periods, below which it counts as known.
 const HELD_WELL: Range<f64> = -0.25..2.25;
 const KNOWN: f64 = 0.75;
 
-/// Longest time for which inputs are held back, s; a link that is later has its delay in the vehicle file.
+/// Longest time by which inputs are held back, s; a larger delay belongs in the vehicle file.
 const LONGEST_HELD_S: f64 = 0.2;
 
-/// Rows of expected outputs that are kept. Where the inputs are held back well, four are enough; until then the age may
-/// be larger.
+/// Number of stored rows of expected outputs. When the inputs are held back correctly, four are enough;
+/// before that the age may be larger.
 const ROWS: usize = 16;
 
-/// Standard deviation of the time of a single message, s.
+/// Standard deviation of the delay of a single message, s.
 pub(crate) fn jitter_s(period_s: f64) -> f64 {
     JITTER * period_s
 }
@@ -49,26 +51,27 @@ pub(crate) struct Lateness {
     estimator: MeasurementAge,
     period_s: f64,
     age_s: f64,
-    /// Outputs that were expected after the last steps, the newest first, and how many there are.
+    /// Expected outputs after the last steps, the newest first; `filled` rows are valid.
     rows: [Vec<f64>; ROWS],
     filled: usize,
-    /// Inputs that led to them.
+    /// Inputs that led to the expected outputs.
     inputs: [Vec<f64>; ROWS],
     expected: Vec<f64>,
     slope: Vec<f64>,
-    /// Input and output matrix of the states.
+    /// Input and output matrices of the vehicle's own states.
     b: DMatrix<f64>,
     c: DMatrix<f64>,
-    /// Variance of the outputs that nobody predicts.
+    /// Variance of the unpredictable part of each output.
     shaken: Vec<f64>,
-    /// What the moments of the inputs' changes add to the uncertainty of states and measurements.
+    /// Additional uncertainty of states (`pushes`) and measurements (`more`) from the uncertain times of
+    /// input changes.
     pushes: Vec<f64>,
     more: Vec<f64>,
 }
 
 impl Lateness {
-    /// For a filter whose first states are the vehicle's own, with the input matrix `b` and the output matrix `c`;
-    /// `shaken` is variance of the outputs that nobody predicts.
+    /// The estimator for a filter whose first states are the vehicle's own, with the input matrix `b` and the
+    /// output matrix `c`; `shaken` is the variance of the unpredictable part of each output.
     pub fn new(
         filter: &KalmanFilter,
         (b, c): (&DMatrix<f64>, &DMatrix<f64>),
@@ -99,34 +102,34 @@ impl Lateness {
         [self.age_s, self.estimator.std()]
     }
 
-    /// Begins anew with an age and its standard deviation, s.
+    /// Restarts with an age and its standard deviation, s.
     pub fn begin(&mut self, [age_s, std_s]: [f64; 2]) {
         self.filled = 0;
         self.age_s = age_s;
         self.estimator.begin(std_s);
     }
 
-    /// Begins anew where the inputs are held back for `more` periods more than beside `other`.
+    /// Restarts with the age known to `other`, for inputs that are held back by `more` additional periods.
     pub fn know(&mut self, other: &Self, more: f64) {
         let [age_s, std_s] = other.age();
         self.begin([age_s - more * self.period_s, std_s]);
     }
 
-    /// Whether the age is known. It is not before the vehicle has moved, and until then nothing can be said of what
-    /// its motion is expected to be.
+    /// Whether the age is known. Before the vehicle has moved it is not, and the expected outputs are then
+    /// unreliable.
     pub fn is_known(&self) -> bool {
         self.estimator.std() < KNOWN * self.period_s
     }
 
-    /// Periods by which the inputs should be held back more than they are; 0 where they are held back well, or where
-    /// the age is not known.
+    /// Number of additional periods by which the inputs should be held back; 0 where this is correct already,
+    /// or where the age is unknown.
     pub fn amiss(&self) -> f64 {
         let age = self.age_s / self.period_s;
         if self.is_known() && !HELD_WELL.contains(&age) { (age - FIRST_AGE).round() } else { 0.0 }
     }
 
-    /// Takes in the inputs of a step and the outputs that are expected at its end, and returns those that are expected
-    /// of the measurements that are known now.
+    /// Stores the inputs of a step and the outputs that are expected at its end. Returns the outputs that are
+    /// expected for the measurements that are available now.
     pub fn expect(&mut self, u: &[f64], end: &[f64]) -> &[f64] {
         self.rows.rotate_right(1);
         self.inputs.rotate_right(1);
@@ -134,7 +137,7 @@ impl Lateness {
         self.inputs[0].copy_from_slice(u);
         self.filled = (self.filled + 1).min(ROWS);
         let steps = self.age_s / self.period_s;
-        // Before enough is known, the outputs go on backwards along the oldest slope.
+        // Until enough rows are stored, the outputs are extrapolated backwards along the oldest slope.
         let whole = (steps.max(0.0) as usize).min(self.filled.saturating_sub(2));
         let share = steps - whole as f64;
         let before = (whole + 1).min(self.filled - 1);
@@ -143,13 +146,14 @@ impl Lateness {
             *expected = late + share * (earlier - late);
             *slope = (late - earlier) / self.period_s;
         }
-        // The change of the inputs before the measurements were taken, and the next one, which may have come already.
+        // Include the input change before the measurements were taken and the next one, which may have acted
+        // already.
         self.uncertain([[whole, before], [whole.saturating_sub(1), whole]]);
         &self.expected
     }
 
-    /// What is uncertain of the measurements, and of the states when they were taken: the inputs changed somewhat
-    /// earlier or later than they were expected to.
+    /// Computes the uncertainty of the measurements and of the states at their time, since the inputs changed
+    /// somewhat earlier or later than expected.
     fn uncertain(&mut self, changes: [[usize; 2]; 2]) {
         let jitter_s = jitter_s(self.period_s);
         self.pushes.fill(0.0);
@@ -166,8 +170,9 @@ impl Lateness {
         }
     }
 
-    /// A step of the filter with the residual of what was [expected](Self::expect), whose errors are corrected by what
-    /// the age explains as well. Without `gains` of the same step, they are computed.
+    /// A filter step with the residual of the [expected](Self::expect) outputs; its errors are also corrected
+    /// by the part that the age explains. With empty `gains` they are computed, otherwise those given are
+    /// used.
     pub fn step(
         &mut self,
         filter: &mut KalmanFilter,
@@ -184,7 +189,7 @@ impl Lateness {
         let change = self.estimator.step(filter, &self.slope);
         self.age_s += change;
         errors.iter_mut().zip(self.estimator.change()).for_each(|(e, change)| *e += change);
-        // What the states turn out to be wrong by, they were wrong by some periods ago as well.
+        // The error found in the states also corrects the expected outputs of earlier steps.
         for (error, c) in errors.iter().zip(self.c.column_iter()) {
             for row in &mut self.rows {
                 row.iter_mut().zip(c.iter()).for_each(|(y, c)| *y += c * error);
@@ -192,13 +197,13 @@ impl Lateness {
         }
     }
 
-    /// Innovations of the last step, whitened.
+    /// Whitened innovations of the last step.
     pub fn whitened(&self) -> &[f64] {
         self.estimator.whitened()
     }
 }
 
-/// Inputs of a real vehicle, held back by whole periods.
+/// Inputs of a real vehicle, delayed by whole periods.
 #[derive(Debug, Clone)]
 pub(crate) struct HeldInputs {
     rows: Vec<f64>,
@@ -210,13 +215,14 @@ pub(crate) struct HeldInputs {
 }
 
 impl HeldInputs {
-    /// Holds back so many inputs, by no period yet.
+    /// A delay line for `inputs` inputs, initially without delay.
     pub fn new(inputs: usize, period_s: f64) -> Self {
         let count = (LONGEST_HELD_S / period_s).ceil() as usize + 1;
         Self { rows: vec![0.0; count * inputs], count, inputs, newest: 0, held: 0, u: vec![0.0; inputs] }
     }
 
-    /// Takes in the inputs of a step, and returns those of the step by whose end the present measurements were taken.
+    /// Stores the inputs of a step, and returns those of the step at whose end the present measurements were
+    /// taken.
     pub fn hold(&mut self, u: &[f64]) -> &[f64] {
         self.newest = (self.newest + 1) % self.count;
         let row = |index: usize| index * self.inputs..(index + 1) * self.inputs;
@@ -225,7 +231,7 @@ impl HeldInputs {
         &self.u
     }
 
-    /// Holds them back for `more` periods more, and returns by how many it does.
+    /// Increases the delay by `more` periods within its limits, and returns the actual increase.
     pub fn hold_more(&mut self, more: f64) -> f64 {
         let before = self.held as f64;
         self.held = (before + more).clamp(0.0, (self.count - 1) as f64) as usize;

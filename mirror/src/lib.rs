@@ -1,13 +1,15 @@
-//! Is the vehicle that flies still the one in the file: sequential change detection on the innovations. No I/O.
+//! Tests whether the flying vehicle still agrees with its file: sequential change detection on the
+//! innovations. No I/O.
 //!
-//! A [`Mirror`] takes the measurements and inputs of each step. It runs the [`Predictor`] on what is known of the vehicle,
-//! tests its whitened innovations with a bank of [cumulative sums](`Bank`), and once they say that prediction has become
-//! wrong, replays what was measured since then under every effect that could be the cause (the generalised likelihood ratio).
+//! A [`Mirror`] takes the measurements and inputs of each step. It runs the [`Predictor`] with the known
+//! model of the vehicle and tests its whitened innovations with a bank of [cumulative sums](`Bank`). When
+//! these detect that the prediction has become wrong, it replays the measurements since then under every
+//! effect that could be the cause (generalised likelihood ratio).
 //!
-//! Sources: Basseville and Nikiforov, "Detection of Abrupt Changes", Prentice Hall 1993 (2.2 CUSUM, 2.4 GLR, 7.2 additive
-//! changes in state space, 8.2 and 8.3 changes of the spectrum and of parameters); Willsky and Jones, IEEE Trans. Autom. Control 21, 1976 (GLR on the
-//! innovations of a Kalman filter); Baum and Veeravalli, IEEE Trans. Inf. Theory 40, 1994 (sequential test of many
-//! hypotheses).
+//! Sources: Basseville and Nikiforov, "Detection of Abrupt Changes", Prentice Hall 1993 (2.2 CUSUM, 2.4 GLR,
+//! 7.2 additive changes in state space, 8.2 and 8.3 changes of the spectrum and of parameters); Willsky and
+//! Jones, IEEE Trans. Autom. Control 21, 1976 (GLR on the innovations of a Kalman filter); Baum and
+//! Veeravalli, IEEE Trans. Inf. Theory 40, 1994 (sequential test of many hypotheses).
 
 mod bank;
 mod candidates;

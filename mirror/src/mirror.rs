@@ -14,25 +14,26 @@ use crate::replay::{Belief, predictor};
 use crate::search::Search;
 use crate::verdict::Answer;
 
-/// Mean time between false alarms, s: a hundred hours, so that ten hours of clean flight have none nine times out of ten.
+/// Mean time between false alarms, s: a hundred hours, so that ten hours of clean flight have none with 90 %
+/// probability.
 const BETWEEN_FALSE_ALARMS_S: f64 = 360_000.0;
 
-/// Time that is kept before and after a change, s.
+/// Time that is stored before (`KEPT_S`) and after (`LOOKED_AT_S`) a change, s.
 const KEPT_S: f64 = 10.0;
 const LOOKED_AT_S: f64 = 20.0;
 
-/// Most steps that are kept, so that memory is bounded at any rate.
+/// Largest number of stored steps, which bounds the memory at any rate.
 const MOST_KEPT: usize = 60_000;
 
-/// Settling time of the filter from the first measurement on, in which nothing is tested, in time constants of the
-/// fastest pole.
+/// Settling time of the filter after the first measurement, without tests, in time constants of the fastest
+/// pole.
 const SETTLING: f64 = 3.0;
 
 /// Length of the data with which a search begins, s, and the factor by which it grows for the next search.
 const FIRST_LOOK_S: f64 = 0.5;
 const GROWTH: f64 = 0.3;
 
-/// A change has ended when no test has alarmed for this multiple of the time of the first detection, plus this
+/// A change has ended when no test has alarmed for this multiple of the time from onset to alarm, plus this
 /// number of seconds.
 const SILENCE: (f64, f64) = (3.0, 3.0);
 
@@ -43,26 +44,27 @@ pub struct Options {
     pub engine: Engine,
     /// Whether a real vehicle is measured, and not a simulation.
     pub real: bool,
-    /// Most predictions per step for the search for a cause.
+    /// Largest number of predictions per step for the search for a cause.
     pub budget: usize,
 }
 
 impl Options {
-    /// Options for a loop of this period: the search takes an eighth of a core, where a prediction takes
-    /// about 0.35 us.
+    /// Options for a loop of this period. The budget lets the search use an eighth of a core, at about 0.35
+    /// us per prediction.
     pub fn new(engine: Engine, real: bool, period_s: f64) -> Self {
         Self { engine, real, budget: (0.125 * period_s / 0.35e-6) as usize + 1 }
     }
 }
 
-/// Factor by which an interval must have narrowed before a size is reported again: ten times the data.
+/// Factor by which an interval must have narrowed before a value is reported again, which takes ten times the
+/// data.
 const SHARPER: f64 = 3.0;
 
 /// A detected change.
 struct Open {
     number: u64,
     output: usize,
-    /// Onset and time of the alarm.
+    /// Onset (`since`) and time of the alarm, in steps.
     since: u64,
     alarmed: u64,
     last_alarm: u64,
@@ -76,16 +78,16 @@ pub struct Mirror {
     known: Knowledge,
     predictor: Predictor,
     new: Predictor,
-    /// Inputs of a real vehicle.
+    /// Delay line for the inputs of a real vehicle.
     held: Option<HeldInputs>,
     bank: Bank,
     capture: Capture,
     budget: usize,
-    /// Steps between false alarms.
+    /// Mean number of steps between false alarms.
     run_length: f64,
-    /// First step that is tested.
+    /// First step that is tested, after settling.
     settled: Option<u64>,
-    /// Whether it has been known how late the measurements are.
+    /// Whether the age of the measurements has ever been known.
     timed: bool,
     next: u64,
     open: Option<Open>,
@@ -93,7 +95,7 @@ pub struct Mirror {
 }
 
 impl Mirror {
-    /// A mirror of `vehicle`, whose effects include everything declared of the flight.
+    /// A mirror of `vehicle`, whose effects include everything that is declared for the flight.
     ///
     /// # Errors
     /// [`MirrorError`] for a vehicle whose states are not detectable from its measurements.
@@ -136,7 +138,8 @@ impl Mirror {
         self.settled = None;
     }
 
-    /// A new predictor, which knows how late the measurements are; the inputs are held back for `more` periods more.
+    /// Replaces the predictor by a new one that keeps the measurement age; the inputs are held back by `more`
+    /// additional periods.
     fn renew(&mut self, more: f64) {
         let before = std::mem::replace(&mut self.predictor, self.new.clone());
         self.predictor.know_age(&before, more);
@@ -151,12 +154,12 @@ impl Mirror {
         }
     }
 
-    /// Takes in a step, and returns a finding if there is a new one. Steps must be consecutive; after a gap the
-    /// mirror restarts.
+    /// Processes a step, and returns a finding if there is a new one. Steps must be consecutive; after a gap
+    /// the mirror restarts.
     pub fn observe(&mut self, sample: &Sample<'_>) -> Option<Finding> {
         let Some(mut held) = self.held.take() else { return self.look(sample) };
         let found = self.look(&Sample { u: held.hold(sample.u), ..*sample });
-        // A change of the vehicle changes what the age seems to be.
+        // While a change is open the delay is kept, since the change affects the estimated age.
         let lateness = self.predictor.lateness().filter(|_| self.open.is_none());
         let amiss = lateness.map_or(0.0, Lateness::amiss);
         let more = if amiss == 0.0 { 0.0 } else { held.hold_more(amiss) };

@@ -1,4 +1,5 @@
-//! The predictor in innovations form: the simulation of all that is known, corrected by the Kalman filter of its errors.
+//! The predictor in innovations form: the simulation of all that is known, corrected by the Kalman filter of
+//! its errors.
 
 use whirlstand_control::kalman::KalmanFilter;
 use whirlstand_vehicle::Simulator;
@@ -20,16 +21,16 @@ pub struct Sample<'a> {
     pub u: &'a [f64],
 }
 
-/// Predicts one step after the other. A step allocates nothing.
+/// Predicts step by step, without allocation.
 #[derive(Debug, Clone)]
 pub struct Predictor {
     simulator: Simulator,
     filter: KalmanFilter,
-    /// Of the measurements of a real vehicle.
+    /// Age of the measurements of a real vehicle.
     lateness: Option<Lateness>,
-    /// Residual of a measurement.
+    /// Measured minus expected outputs.
     residual: Vec<f64>,
-    /// State of the filter.
+    /// Estimated errors (filter state).
     errors: Vec<f64>,
     states: usize,
 }
@@ -54,8 +55,8 @@ impl Predictor {
         })
     }
 
-    /// A copy of the filter in its present state, with another simulation, and the errors predicted and the lateness
-    /// at that time.
+    /// A copy of the filter in its present state, with another simulation, and with the predicted errors and
+    /// the measurement age of that time.
     pub(crate) fn around(&self, simulator: Simulator, errors: &[f64], lateness: Option<Lateness>) -> Self {
         let mut other = Self { simulator, lateness, ..self.clone() };
         other.errors.copy_from_slice(errors);
@@ -68,8 +69,8 @@ impl Predictor {
         self.step_by(sample, &[]);
     }
 
-    /// As [`Self::step`], with the gains of another predictor at the same step where there are any: those of a real
-    /// vehicle are computed anew at every step, which costs more than all the rest.
+    /// As [`Self::step`], but with the gains of another predictor at the same step, unless `gains` is empty.
+    /// Gains for a real vehicle change at every step, and their computation costs more than all the rest.
     pub(crate) fn step_by(&mut self, sample: &Sample<'_>, gains: &[f64]) {
         self.simulator.apply(sample.u);
         let expected = match &mut self.lateness {
@@ -100,17 +101,17 @@ impl Predictor {
         }
     }
 
-    /// Whitened innovations of the last step, one for each output; zero where it was not fresh.
+    /// Whitened innovations of the last step, one for each output; zero where the output was not fresh.
     pub fn whitened(&self) -> &[f64] {
         self.lateness.as_ref().map_or_else(|| self.filter.whitened(), Lateness::whitened)
     }
 
-    /// Number of values of [`Self::write_gains`].
+    /// Number of values that [`Self::write_gains`] writes.
     pub(crate) fn gains_len(&self) -> usize {
         if self.lateness.is_some() { self.filter.gains_len() } else { 0 }
     }
 
-    /// Writes the gains of the last step, if they are computed anew at every step.
+    /// Writes the gains of the last step, if they change at every step.
     pub(crate) fn write_gains(&self, to: &mut [f64]) {
         if self.lateness.is_some() {
             self.filter.write_gains(to);
@@ -122,24 +123,25 @@ impl Predictor {
         self.simulator.state()
     }
 
-    /// Predicted errors at the next step other than those of the states.
+    /// Predicted errors at the next step; those of the states are zero.
     pub(crate) fn errors(&self) -> &[f64] {
         &self.errors
     }
 
-    /// Knows of the age of the measurements what `other` knows, where the inputs are held back for `more` periods more.
+    /// Takes over the measurement age from `other`, for inputs that are held back by `more` additional
+    /// periods.
     pub(crate) fn know_age(&mut self, other: &Self, more: f64) {
         if let (Some(own), Some(other)) = (&mut self.lateness, &other.lateness) {
             own.know(other, more);
         }
     }
 
-    /// How late the measurements of a real vehicle are.
+    /// The age of the measurements of a real vehicle.
     pub(crate) fn lateness(&self) -> Option<&Lateness> {
         self.lateness.as_ref()
     }
 
-    /// The simulation.
+    /// Mutable access to the simulation.
     pub(crate) fn simulator(&mut self) -> &mut Simulator {
         &mut self.simulator
     }

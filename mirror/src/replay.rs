@@ -1,10 +1,10 @@
-//! What was measured, predicted once more under another model.
+//! Replay of the measurements: their prediction under another model.
 //!
-//! The replayed vehicle takes the states that were expected at the moment of the change: an effect that begins changes what
-//! moves, not where it stands. Before it, for as long as a delay or a lag may reach back, the replayed vehicle gets the
-//! inputs and keeps the states, so that its delays hold what they would. What a lag, play or a rate limit remembers of its input
-//! at its begin is another matter: within a step it may have moved as far as the input, so that the likelihood of a begin says
-//! nothing of the next one's. It is a parameter of its own.
+//! The replayed vehicle takes the states expected at the onset: an effect changes the motion from then on,
+//! not the present state. Before the onset, for as long as a delay or a lag reaches back, the replayed
+//! vehicle gets the recorded inputs and states, so that its delays hold the right values. The value that a
+//! lag, a backlash or a rate limit holds at the onset is a separate parameter: it can change within a step as
+//! much as the input does, so that the likelihoods of adjacent onsets would be unrelated.
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::{Effect, Kind, Simulator, Vehicle, Window};
@@ -14,7 +14,7 @@ use crate::capture::Capture;
 use crate::known::Knowledge;
 use crate::predictor::Predictor;
 
-/// Longest reach back of a delay or lag, s: the longest one that is searched for.
+/// Longest memory of a delay or lag, s: the longest delay that is searched for.
 pub const REACH_S: f64 = 0.5;
 
 /// The effect with its onset at a step.
@@ -27,7 +27,7 @@ pub fn from_step(effect: &Effect, step: u64, period_s: f64) -> Option<Effect> {
             Some(moved)
         }
         Kind::ModeTransition => Effect::mode_transition(at_s, effect.text()?).ok(),
-        // The onset is slightly before the step, within rounding, so that the effect acts at the step itself.
+        // The onset is just before the step, so that the effect acts at the step itself despite rounding.
         _ => {
             let from_s = Some((at_s - 1e-9 * period_s).max(0.0));
             effect.clone().during(Window { from_s, until_s: None }).ok()
@@ -41,11 +41,12 @@ pub struct Belief {
     pub effect: Effect,
     /// Step of the onset.
     pub since: u64,
-    /// Value of its input that the effect remembers at the onset; `None` for the input itself.
+    /// Value of its input that the effect holds at the onset; `None` for the input itself.
     pub stood: Option<f64>,
 }
 
-/// A predictor at the onset of the effect that includes the effect. `None` when the vehicle cannot have it.
+/// A predictor at the onset of an effect, with the effect in its model. `None` when the vehicle cannot have
+/// the effect.
 pub fn predictor(
     known: &Knowledge,
     like: &Predictor,
@@ -116,20 +117,22 @@ pub fn distance(
     Some(0.5 * sum)
 }
 
-/// Evaluation of an effect at given parameters, with the derivatives of the innovations with respect to each.
+/// Evaluation of an effect at given parameters, with the derivatives of the innovations with respect to each
+/// of them.
 pub struct Trial {
     /// A predictor at the parameters, and one more for each parameter with that parameter changed.
     predictors: Vec<Predictor>,
     moves: Vec<f64>,
     step: u64,
     end: u64,
-    /// Sums over all innovations: without the effect, with it, and its derivatives.
+    /// Sum of squared innovations without the effect; then with it (`with`), and its gradient and
+    /// Gauss-Newton matrix.
     base: f64,
     with: f64,
     slope: DVector<f64>,
     curvature: DMatrix<f64>,
     samples: u64,
-    /// Checks whether the effect leaves an unexplained change.
+    /// Tests for a change that remains with the effect.
     check: Option<Bank>,
     /// Whether a change remains unexplained.
     pub unexplained: bool,
@@ -210,8 +213,9 @@ impl Trial {
         self.samples
     }
 
-    /// The Gauss-Newton step from the present parameters, and its expected gain in evidence. A parameter without
-    /// any influence yet, such as a limit that is not reached, is left unchanged, so that the others are found.
+    /// The Gauss-Newton step from the present parameters, and the gain in evidence that it predicts. A
+    /// parameter without any influence yet, such as a limit that is not reached, is left unchanged, so that
+    /// the others are found.
     pub fn newton(&self) -> Option<(DVector<f64>, f64)> {
         let (mut curvature, mut slope) = (self.curvature.clone(), self.slope.clone());
         for k in self.unseen() {
@@ -233,7 +237,7 @@ impl Trial {
         Some(spread)
     }
 
-    /// Indices of the parameters that change no prediction: their rows are zero.
+    /// Indices of the parameters that change no prediction, whose rows are zero.
     fn unseen(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.moves.len()).filter(|k| self.curvature[(*k, *k)] == 0.0)
     }
@@ -250,7 +254,7 @@ mod tests {
         let (step, gain) = trial.newton().expect("a step");
         assert_eq!((step.as_slice(), gain), (&[-0.5, 0.0][..], 0.5));
         assert_eq!(trial.spread().expect("a spread"), [0.5, f64::INFINITY]);
-        // What is not a number is no step.
+        // A step with a value that is not a number is rejected.
         trial.slope[0] = f64::NAN;
         assert!(trial.newton().is_none());
     }

@@ -4,12 +4,13 @@
 /// Analysis", 1985, chapter 10).
 const OVERSHOOT: f64 = 0.583;
 
-/// Threshold of the cumulative sum of log-likelihood ratios for a mean of `size` standard deviations, so that it alarms once
-/// in `steps` on average when there is none. Siegmund's approximation with the overshoot at both ends: with
-/// b = threshold / size + 2 x 0.583 it runs (exp(size b) - size b - 1) / (size^2 / 2) steps.
+/// Threshold of the cumulative sum of log-likelihood ratios for a mean shift of `size` standard deviations
+/// with an average run length of `steps` without a change. Siegmund's approximation with the overshoot at
+/// both ends: with b = threshold / size + 2 x 0.583 the run length is (exp(size b) - size b - 1) / (size^2 /
+/// 2) steps.
 pub fn mean_threshold(size: f64, steps: f64) -> f64 {
     let wanted = steps * size * size / 2.0;
-    // exp(x) - x - 1 = wanted, by Newton's method from above, where it is convex.
+    // Solve exp(x) - x - 1 = wanted by Newton's method from above; the function is convex.
     let mut x = (wanted + 1.0).ln() + 3.0;
     for _ in 0..50 {
         x -= (x.exp() - x - 1.0 - wanted) / x.exp_m1();
@@ -17,8 +18,8 @@ pub fn mean_threshold(size: f64, steps: f64) -> f64 {
     (x - 2.0 * OVERSHOOT * size).max(1.0)
 }
 
-/// Threshold of any cumulative sum of log-likelihood ratios that alarms less than once in `steps` on average: the bound of
-/// Lorden (Ann. Math. Stat. 42, 1971) and Wald, which needs no distribution.
+/// Threshold of any cumulative sum of log-likelihood ratios with an average run length of at least `steps`:
+/// the bound of Lorden (Ann. Math. Stat. 42, 1971) and Wald, which holds for any distribution.
 pub fn variance_threshold(steps: f64) -> f64 {
     steps.ln().max(1.0)
 }
@@ -28,7 +29,7 @@ mod tests {
     use super::*;
     use whirlstand_vehicle::Stream;
 
-    /// Average number of steps until a cumulative sum of Gaussian log-likelihood ratios alarms, over `runs`
+    /// Average run length of a cumulative sum of Gaussian log-likelihood ratios without a change, over `runs`
     /// runs.
     fn average(size: f64, threshold: f64, runs: usize) -> f64 {
         let mut stream = Stream::new(1, "run length");
@@ -48,7 +49,7 @@ mod tests {
         for size in [0.2, 1.0, 3.0] {
             let threshold = mean_threshold(size, 5000.0);
             let average = average(size, threshold, 400);
-            // Four standard errors of 400 run lengths that are nearly exponential are 20 %.
+            // Run lengths are nearly exponentially distributed: four standard errors of 400 of them are 20 %.
             assert!((3500.0..7500.0).contains(&average), "size {size}: {average}");
         }
     }

@@ -1,11 +1,11 @@
-//! The search for the cause: the generalised likelihood ratio over effects, sizes and onsets, a part of it at
-//! every step.
+//! The search for the cause: the generalised likelihood ratio over effects, parameters and onsets, computed
+//! in parts over the steps of the loop.
 //!
-//! Every candidate is replayed from the most likely onset with its initial sizes, which are improved by
-//! Gauss-Newton steps; for the likeliest candidates the onset is varied too. The result are log-likelihood ratios
-//! on the same data, each reduced by half the logarithm of the number of data for every parameter (Schwarz 1978).
-//! They give probabilities with equal prior weights. The likeliest candidate is named once the probability of all
-//! others together is below the permitted error (Baum and Veeravalli 1994).
+//! Every candidate is replayed from the most likely onset with its initial parameters, which are improved by
+//! Gauss-Newton steps; for the likeliest candidates the onset is varied too. The results are log-likelihood
+//! ratios on the same data, each reduced by half the logarithm of the number of data for every parameter
+//! (Schwarz 1978). They give probabilities with equal priors. The likeliest candidate is named once the
+//! probability of all others together is below the permitted error (Baum and Veeravalli 1994).
 
 use std::collections::VecDeque;
 
@@ -18,42 +18,42 @@ use crate::predictor::Predictor;
 use crate::replay::{REACH_S, Trial, predictor};
 use crate::verdict::{Answer, Fit, LIKELIEST, Standing, ranking};
 
-/// Candidates whose onset is searched as well: those whose distance in score to the best is less than the greater
+/// Candidates whose onset is searched as well: those whose score is below the best by less than the greater
 /// of this log-likelihood and this share of the best score.
 const NEAR: (f64, f64) = (15.0, 0.2);
 const MOST_NEAR: usize = 16;
 
-/// Most Gauss-Newton steps, including halved ones.
+/// Largest number of Gauss-Newton steps, including halved ones.
 const STEPS: u8 = 5;
 
-/// Log-likelihood by which a candidate lies behind the best so that it is not looked at again in this change: more data
-/// would have to be e^30 times against what there is. A share as well, since what explains half as much as the best is not
-/// made its equal by another begin.
+/// A candidate is excluded for the rest of this change when its score is below the best by more than this
+/// log-likelihood (new data would need a likelihood ratio of e^30 against the present data) and below this
+/// share of the best score (a candidate that explains half as much does not become equal with another onset).
 const HOPELESS: (f64, f64) = (30.0, 0.5);
 
-/// Begins before the likeliest that the grid has, in shares of the time since then (one second at most), for an effect that
-/// remembers where it began: play stands where the input was.
+/// Onsets on the grid for effects with memory, before the likeliest one, as shares of the time since then (at
+/// most one second): the initial state of a backlash depends on the input at the onset.
 const BEGINS: [f64; 5] = [0.0, 0.0625, 0.125, 0.25, 0.5];
 
-/// Data that the grid is looked at with, s, and points of it from which a search goes on.
+/// Length of the data for the grid, s, and (`POINTS`) number of grid points from which the search continues.
 const GRID_S: f64 = 2.0;
 const POINTS: usize = 2;
 
-/// What is left by the likeliest may be so small an error of its begin, in steps, as a finer search finds.
+/// Initial shift of the finer onset search, steps: a small onset error alone may leave a detectable change.
 const FINE: u64 = 16;
 
-/// Predictions that making a simulator costs, about.
+/// Approximate cost of the construction of a simulator, in predictions.
 const BUILDING: usize = 300;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Purpose {
-    /// Evaluates the grid of initial sizes and onsets, without a Gauss-Newton step.
+    /// Evaluates the grid of initial parameters and onsets, without Gauss-Newton steps.
     Scan,
-    /// Searches any onset and size.
+    /// Optimizes from the best grid points.
     Look,
     /// Tries another onset.
     Shift,
-    /// Makes the final evaluation of this search.
+    /// Evaluates the likeliest candidates finally.
     Conclude,
 }
 
@@ -72,12 +72,12 @@ pub struct Search {
     candidates: Vec<Candidate>,
     fits: Vec<Option<Fit>>,
     hopeless: Vec<bool>,
-    /// Evidence, values and begin of the best points of each candidate's grid, the best first.
+    /// Evidence, parameters and onset of the best grid points of each candidate, the best first.
     grid: Vec<Vec<(f64, Vec<f64>, u64)>>,
     jobs: VecDeque<Job>,
     running: Option<(Job, Trial)>,
     purpose: Purpose,
-    /// Shift of the onset that is being tried, steps.
+    /// Shift of the onset that is being tried, in steps.
     shift: u64,
     since: u64,
     end: u64,
@@ -88,8 +88,8 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search for what changed at about `since`, with the data until `end`. `steps`: how many of them a bank that looks
-    /// for what is left takes on average to alarm for nothing.
+    /// A search for the change at about `since`, with the data until `end`; `steps` is the average run length
+    /// to a false alarm of the bank that tests for a remaining change.
     pub fn new(known: &Knowledge, capture: &Capture, since: u64, end: u64, steps: f64) -> Self {
         let from = since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
         let candidates = candidates(known, capture, from, end);
@@ -117,12 +117,14 @@ impl Search {
     pub fn again(&mut self, known: &Knowledge, capture: &Capture, end: u64) {
         let from = self.since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
         let fresh = candidates(known, capture, from, end);
-        // Sizes follow from what moved; what was found keeps its place when the list is the same.
+        // The candidates follow from the captured motion; if their list has the same length, the earlier fits
+        // are kept.
         let best = self.fits.iter().flatten().map(|f| f.score).fold(f64::NEG_INFINITY, f64::max);
         let behind = |f: &Fit| f.settled && f.score < best - HOPELESS.0 && f.score < HOPELESS.1 * best;
         let is_behind: Vec<bool> = self.fits.iter().map(|f| f.as_ref().is_some_and(behind)).collect();
         if fresh.len() == self.candidates.len() {
-            // What holds another as a special case is at least as likely: limits to both sides are not given up before one is.
+            // A general candidate is at least as likely as its special case: two-sided limits are kept as
+            // long as a one-sided limit is.
             let all_are = |c: &Candidate| {
                 self.candidates.iter().zip(&is_behind).all(|(other, behind)| *behind || !c.is_same(other))
             };
@@ -141,7 +143,7 @@ impl Search {
         self.end
     }
 
-    /// Lays out the grid of those that have no size yet, or one that may be wrong.
+    /// Sets up the grid for the candidates without a fit, or with one that may be a wrong local maximum.
     fn scan(&mut self, period_s: f64, capture: &Capture) {
         let first = capture.first();
         (self.purpose, self.fine) = (Purpose::Scan, false);
@@ -149,7 +151,7 @@ impl Search {
         let best = self.fits.iter().flatten().map(|f| f.score).fold(f64::NEG_INFINITY, f64::max);
         let span = (self.end - self.since).min((1.0 / period_s) as u64) as f64;
         for (index, candidate) in self.candidates.iter().enumerate() {
-            // What lies behind may have come to rest at the wrong size.
+            // A low score may be a wrong local maximum.
             let behind = |f: &Fit| f.evidence <= 0.0 || candidate.starts.len() > 1 && f.score < best - NEAR.0;
             if self.hopeless[index] || !self.fits[index].as_ref().is_none_or(behind) {
                 continue;
@@ -157,7 +159,7 @@ impl Search {
             let begins = if candidate.remembers() { &BEGINS[..] } else { &BEGINS[..1] };
             for (values, share) in candidate.starts.iter().flat_map(|s| begins.iter().map(move |b| (s, b))) {
                 let since = self.since.saturating_sub((share * span) as u64).max(first + 1).min(self.since);
-                // It stands where its input was.
+                // The effect holds the input before the onset.
                 let stood = candidate
                     .memory
                     .as_ref()
@@ -195,25 +197,25 @@ impl Search {
         }
     }
 
-    /// Keeps a point of the grid if it is among the best.
+    /// Keeps a grid point if it is among the best of its candidate.
     fn keep(&mut self, job: Job, evidence: f64) {
         let points = &mut self.grid[job.candidate];
         let sizes = self.candidates[job.candidate].open.len();
-        // One begin for each size: sizes are what a step of Gauss and Newton cannot find from afar.
+        // One onset is kept for each set of initial parameters, which a Gauss-Newton step cannot reach from
+        // far away.
         match points.iter_mut().find(|p| p.1[..sizes] == job.values[..sizes]) {
             Some(known) if known.0 < evidence => *known = (evidence, job.values, job.since),
             Some(_) => {}
             None => points.push((evidence, job.values, job.since)),
         }
         points.sort_by(|a, b| b.0.total_cmp(&a.0));
-        // A size that is not the best yet may become it with another begin.
+        // While grid points of this candidate remain, all are kept: another onset may improve a worse one.
         let all = self.candidates[job.candidate].starts.len();
         let open = self.jobs.front().is_some_and(|next| next.candidate == job.candidate);
         points.truncate(if open { all } else { POINTS });
     }
 
-    /// Continues the search by about the given number of predictions. Returns the answer when it has
-    /// finished.
+    /// Continues the search by about `budget` predictions. Returns the answer once the search is complete.
     pub fn work(
         &mut self,
         known: &Knowledge,
@@ -261,7 +263,7 @@ impl Search {
         }
         for (k, open) in candidate.parameters().enumerate() {
             let mut values = job.values.clone();
-            // The difference is taken inwards where the bound is near.
+            // The finite difference is taken inwards near the upper bound.
             let small = if values[k] + open.small > open.upper { -open.small } else { open.small };
             values[k] += small;
             all.push(at(&values)?);
@@ -387,7 +389,7 @@ impl Search {
         None
     }
 
-    /// Whether the likeliest candidate leaves a change for which the tests would alarm.
+    /// Whether the likeliest candidate leaves a change that the tests detect.
     fn is_left(&self) -> bool {
         let first = ranking(&self.fits).first().and_then(|i| self.fits[*i].as_ref());
         first.is_some_and(|fit| fit.unexplained)

@@ -1,25 +1,27 @@
 //! Tones in whitened innovations: the periodogram of blocks of several lengths.
 //!
-//! The power of a block of n innovations at a frequency, |X|^2 / n, is exponential of mean one when they are white, and n a^2 / 4
-//! for a tone of amplitude a. It passes x by chance with exp(-x), so that a threshold follows from how often it is looked at
-//! (Basseville and Nikiforov 1993, 8.2, on changes of the spectrum). Lengths lie a factor of four apart: of a tone that a block
-//! just misses, the next has enough.
+//! The power of a block of n innovations at a frequency, |X|^2 / n, is exponentially distributed with mean
+//! one for white innovations, and has the value n a^2 / 4 for a tone of amplitude a. It exceeds x by chance
+//! with probability exp(-x), so the threshold follows from the number of tests (Basseville and Nikiforov
+//! 1993, 8.2, on changes of the spectrum). The lengths are a factor of four apart: a tone just below the
+//! threshold in one block exceeds it in the next longer one.
 
 /// Block lengths, samples.
 const LENGTHS: [usize; 3] = [64, 256, 1024];
 
-/// A tone with fewer periods in its block than this is a drift, which the means show: in half lines.
+/// First line, in half lines: a tone with fewer periods in its block is a drift, which the tests of the mean
+/// detect.
 const LEAST_LINE: usize = 6;
 
 /// The periodogram of one block length.
 #[derive(Debug, Clone)]
 struct Block {
     length: usize,
-    /// Rotation by one sample of each line, and the present phases of the lines.
+    /// Sine and cosine of each line's rotation per sample; `cosine` and `sine` hold the present phases.
     turn: Vec<(f64, f64)>,
     cosine: Vec<f64>,
     sine: Vec<f64>,
-    /// Sums of each output, line by line.
+    /// Real and imaginary sums of each output, line by line.
     real: Vec<f64>,
     imaginary: Vec<f64>,
     count: usize,
@@ -34,13 +36,13 @@ pub struct Tones {
 }
 
 impl Tones {
-    /// Number of tests per output, each as frequent as one per step.
+    /// Number of tests per output; each counts like a test at every step.
     pub const TESTS: usize = LENGTHS.len();
 
-    /// `threshold`: power that is exceeded by chance in a step once per the required number of steps.
+    /// `threshold`: the power that is exceeded by chance in one step out of the required number of steps.
     pub fn new(outputs: usize, threshold: f64) -> Self {
         let block = |length: usize| {
-            // Half a line apart: a tone between two lines keeps four fifths of its power.
+            // The lines are half a line apart: a tone between two of them keeps four fifths of its power.
             let lines = LEAST_LINE..length;
             let turn: Vec<(f64, f64)> =
                 lines.map(|k| (std::f64::consts::PI * k as f64 / length as f64).sin_cos()).collect();
@@ -64,8 +66,8 @@ impl Tones {
         self.blocks.iter_mut().for_each(|b| b.clear(step));
     }
 
-    /// Takes in a step. Returns the strongest detected tone: its excess over the threshold, output, and
-    /// onset.
+    /// Processes a step. Returns the strongest detected tone: the ratio of its power to the threshold, its
+    /// output, and the start of its block.
     pub fn step(&mut self, step: u64, whitened: &[f64]) -> Option<(f64, usize, u64)> {
         let mut found: Option<(f64, usize, u64)> = None;
         for block in &mut self.blocks {

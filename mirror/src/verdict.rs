@@ -1,4 +1,4 @@
-//! The result of a search: from log-likelihood ratios to probabilities, and to a named cause or none.
+//! The result of a search: probabilities from log-likelihood ratios, and a named cause or none.
 
 use crate::bank::Bank;
 use crate::candidates::Candidate;
@@ -9,14 +9,14 @@ use crate::known::Knowledge;
 use crate::predictor::Predictor;
 use crate::replay::distance;
 
-/// Probability from which a cause is named; all other candidates together may be right once in fifty.
+/// Probability above which a cause is named; the other candidates together have at most one in fifty.
 pub const CERTAIN: f64 = 0.98;
 
-/// Number of candidates that are evaluated finally.
+/// Number of candidates in the final evaluation.
 pub const LIKELIEST: usize = 5;
 
-/// Share of the best candidate's evidence by which another candidate's predictions may differ and still count as
-/// indistinguishable.
+/// Two candidates are indistinguishable when the distance of their predictions is below this share of the
+/// best candidate's evidence.
 const SAME: f64 = 0.01;
 
 /// A candidate with its best parameters.
@@ -24,7 +24,7 @@ const SAME: f64 = 0.01;
 pub struct Fit {
     pub values: Vec<f64>,
     pub since: u64,
-    /// Evidence reduced by the penalty for the parameters.
+    /// Evidence minus the penalty for the number of parameters.
     pub score: f64,
     pub evidence: f64,
     pub spread: Option<Vec<f64>>,
@@ -36,7 +36,7 @@ pub struct Fit {
 /// Result of a search.
 #[derive(Debug, Clone)]
 pub enum Answer {
-    /// The cause was found.
+    /// Cause, onset and evidence.
     Cause(Box<Cause>, u64, f64),
     /// The data are not sufficient yet.
     Open,
@@ -63,7 +63,7 @@ pub struct Standing<'a> {
 }
 
 impl Standing<'_> {
-    /// The answer that the candidates support.
+    /// The answer that the fits of all candidates support.
     pub fn answer(&self, known: &Knowledge, like: &Predictor, capture: &Capture) -> Answer {
         let order = ranking(self.fits);
         let others = excess::all(known, like, capture, self.since, self.end);
@@ -129,7 +129,7 @@ impl Standing<'_> {
         })
     }
 
-    /// Candidates whose predictions differ from those of the first by an insignificant share.
+    /// Candidates whose predictions are practically equal to those of the candidate `first`.
     fn indistinguishable(
         &self,
         known: &Knowledge,

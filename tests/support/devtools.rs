@@ -13,7 +13,7 @@ use tempfile::TempDir;
 
 use super::HUNG;
 
-/// A browser with one page; dropped, its whole process group is killed.
+/// A browser with one page; when it is dropped, its whole process group is killed.
 pub struct Page {
     child: Child,
     words: ChildStdin,

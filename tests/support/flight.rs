@@ -9,7 +9,7 @@ use whirlstand_test_harness::{Missing, python};
 
 use super::{FAULTS_ALLOWED, Finished, Running, json, spawn, whirlstand};
 
-/// Greatest roll from the gust, rad, and longest time until it has recovered, s.
+/// Upper bound on the peak of roll from the gust, rad.
 const PEAK: f64 = 0.35;
 
 /// A finished flight.
@@ -76,7 +76,7 @@ pub fn free_udp() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// Starts a flight of the quadrotor with a stand-in; `changes` end the command line.
+/// Starts a flight of the quadrotor with a stand-in; `options` are settings, `rest` are further arguments.
 pub fn take_off(
     bridge: &str,
     program: &str,

@@ -10,7 +10,8 @@ pub struct Topic {
     pub rows: Vec<(f64, Vec<f64>)>,
 }
 
-/// A ULog after the PX4 user guide, "ULog File Format": all fields are 32-bit floats, times are microseconds since boot.
+/// A ULog according to the PX4 user guide, "ULog File Format": all fields are 32-bit floats, times are microseconds
+/// since boot.
 pub fn ulog(topics: &[Topic]) -> Vec<u8> {
     fn message(kind: u8, content: &[u8]) -> Vec<u8> {
         [&(content.len() as u16).to_le_bytes()[..], &[kind], content].concat()

@@ -63,7 +63,7 @@ pub fn refused(args: &[&str], words: &[&str]) {
     assert!(!result.stderr.contains("panicked"), "{}", result.stderr);
 }
 
-/// A running command in a process group of its own; dropped, the whole group is killed.
+/// A running command in a process group of its own; when it is dropped, the whole group is killed.
 pub struct Running {
     child: Child,
     stdout: Receiver<String>,

@@ -1,4 +1,4 @@
-//! Trials that a law flies.
+//! Tests of closed-loop trials.
 
 use crate::{Case, Generator, Loops, Plan, Setting, Trial};
 
@@ -22,7 +22,8 @@ fn the_record_holds_what_the_law_gave_for_what_the_sensors_said() {
                 let reference: Vec<f64> = control.reference.inputs.iter().map(|u| u[k]).collect();
                 let given: Vec<f64> = commands.inputs.iter().map(|u| u[k]).collect();
                 for (u, said) in given.iter().zip(law.command(&reference)) {
-                    // The record is flown again from the commands: what is left is rounding on another grid of steps.
+                    // The record is simulated again from the commands, on another grid of steps: rounding
+                    // errors remain.
                     assert!(
                         (u - said).abs() < 1e-5 * largest,
                         "{number} {:?} at {k}: {u} {said}",
@@ -50,7 +51,7 @@ fn half_of_the_vehicle_files_do_not_say_how_noisy_the_sensors_are() {
         assert_eq!(trial.vehicle_file().contains("noise"), trial.answer.noise_declared);
         declared[usize::from(trial.answer.noise_declared)] += 1;
     }
-    // 60 trials at the least, standard deviation below 4.
+    // There are at least 60 trials; the standard deviation of the count is below 4.
     assert!(declared.iter().all(|count| *count > 15), "{declared:?}");
 }
 

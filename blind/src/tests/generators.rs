@@ -1,4 +1,4 @@
-//! Both generators: what they draw stays within their ranges, and is what the simulator makes of it.
+//! Tests of both generators: drawn values are within their ranges, and the simulator gives the same records.
 
 use whirlstand_vehicle::{Kind, Vehicle};
 
@@ -78,7 +78,7 @@ fn effects_of_drawn_sizes_are_what_the_simulator_makes_of_them() {
                 };
                 let (least, most) = draft.sizes;
                 let effect = draft.at(stream.scaled((least * most).sqrt(), most)).unwrap();
-                // A spring that softens has no bounded motion at every size.
+                // A softening spring has no bounded motion at every size.
                 if effect.kind() == Kind::CubicStiffness && effect.parameter("coefficient") < Some(0.0) {
                     continue;
                 }

@@ -1,4 +1,4 @@
-//! The generator against closed forms and the simulator; trials from draw to score.
+//! Tests of the generator against closed forms and the simulator, and of trials from draw to score.
 
 mod closed_loop;
 mod generators;

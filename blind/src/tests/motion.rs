@@ -1,5 +1,5 @@
-//! The generator against closed forms, and against the simulator, which was written by other hands from the same
-//! definitions: where they part, one is wrong.
+//! Tests of the generator against closed forms and against the simulator, an independent implementation of
+//! the same definitions: where they differ, one is wrong.
 
 use whirlstand_vehicle::{Effect, Kind, Simulator, Vehicle};
 
@@ -25,7 +25,7 @@ pub(super) fn commands(vehicle: &Vehicle, samples: usize, amplitude: f64) -> Com
     Commands { period_s: PERIOD, inputs }
 }
 
-/// The record without noise, samples x outputs.
+/// The generator's record without noise (samples x outputs).
 fn own(vehicle: &Vehicle, commands: &Commands, effects: &[Effect]) -> Vec<f64> {
     let hidden = Hidden { effects, outside: None, expected: true, spectrum: Spectrum::FirstOrder, trial: 1 };
     let model = TruthModel::new(vehicle, commands, hidden).unwrap();
@@ -47,8 +47,8 @@ fn simulators(vehicle: &Vehicle, commands: &Commands, effects: &[Effect]) -> Vec
     outputs
 }
 
-/// Largest difference over the root mean square of what the effect changes, and that over the root mean square of the
-/// record.
+/// Largest rms difference between generator and simulator relative to the rms change by the effect, and this
+/// change relative to the rms of the record.
 pub(super) fn difference(vehicle: &Vehicle, commands: &Commands, effects: &[Effect]) -> (f64, f64) {
     let (a, b) = (own(vehicle, commands, effects), simulators(vehicle, commands, effects));
     let nominal = own(vehicle, commands, &[]);
@@ -70,7 +70,7 @@ fn effect(kind: Kind, place: &str, parameters: &[(&str, f64)]) -> Effect {
     Effect::new(kind, place, parameters).unwrap()
 }
 
-/// Every effect of the table that is not random, with sizes that show.
+/// Every deterministic effect of the table, with sizes that are visible in the record.
 fn all() -> Vec<Effect> {
     vec![
         effect(Kind::InputDelay, "u_roll", &[("delay_s", 0.0837)]),

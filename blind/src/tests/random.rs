@@ -1,4 +1,4 @@
-//! What is random, against the numbers that its definition promises; and closed forms.
+//! Tests of random effects against the statistics that their definitions imply, and of closed forms.
 
 use std::f64::consts::TAU;
 
@@ -24,7 +24,7 @@ fn hidden(effects: &[Effect]) -> Hidden<'_> {
     Hidden { effects, outside: None, expected: false, spectrum: Spectrum::FirstOrder, trial: 11 }
 }
 
-/// A sensor's record of a constant 1.
+/// The record of a sensor whose input is constantly 1.
 fn of_one(effect: Effect, samples: usize) -> Vec<f64> {
     let motion = Motion { samples, states: vec![1.0; samples], sensed: vec![1.0; samples] };
     sense(&first_order(), &motion, None, PERIOD, hidden(&[effect])).unwrap()
@@ -38,7 +38,7 @@ fn outliers_come_as_often_as_they_should_to_both_sides() {
     let (up, down) =
         (record.iter().filter(|y| **y == 6.0).count(), record.iter().filter(|y| **y == -4.0).count());
     assert_eq!(up + down + record.iter().filter(|y| **y == 1.0).count(), n);
-    // 1000 each, standard deviation 32.
+    // 1000 are expected on each side, +- 32 (std).
     assert!(up.abs_diff(1000) < 160 && down.abs_diff(1000) < 160, "{up} {down}");
 }
 
@@ -70,7 +70,8 @@ fn added_noise_has_its_size() {
 
 #[test]
 fn turbulence_moves_a_vehicle_as_its_spectrum_says() {
-    // A first-order lag behind first-order noise: variance std^2 / (a (a + w)), from the Lyapunov equation.
+    // First-order noise through a first-order lag has variance std^2 / (a (a + w)), from the Lyapunov
+    // equation.
     let (std, bandwidth, samples) = (0.7, 0.5, 400_000);
     let effect = Effect::new(Kind::Turbulence, "x", &[("std", std), ("bandwidth_hz", bandwidth)]).unwrap();
     let commands = Commands { period_s: PERIOD, inputs: vec![vec![0.0; samples]] };
@@ -79,7 +80,7 @@ fn turbulence_moves_a_vehicle_as_its_spectrum_says() {
     let motion = fly(&model, &[0.0], PERIOD, samples).unwrap();
     let variance = motion.sensed.iter().map(|x| x * x).sum::<f64>() / samples as f64;
     let expected = std * std / (2.0 * (2.0 + TAU * bandwidth));
-    // 4000 s at a correlation time below 1 s: five standard errors are below 12 %.
+    // With 4000 s and a correlation time below 1 s, five standard errors are below 12 %.
     assert!((variance / expected - 1.0).abs() < 0.12, "{variance} {expected}");
 }
 
@@ -98,7 +99,7 @@ fn a_step_response_is_its_exponential() {
 
 #[test]
 fn friction_stops_a_coasting_body_where_it_should() {
-    // dx/dt = -2 x - 0.5 from 1: x = 1.25 exp(-2 t) - 0.25 until ln(5)/2, then at rest.
+    // dx/dt = -2 x - 0.5 from 1 gives x = 1.25 exp(-2 t) - 0.25 until t = ln(5)/2, then rest.
     let samples = 200;
     let commands = Commands { period_s: PERIOD, inputs: vec![vec![0.0; samples]] };
     let friction = [Effect::new(Kind::CoulombFriction, "x", &[("level", 0.5)]).unwrap()];

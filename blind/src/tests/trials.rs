@@ -1,4 +1,4 @@
-//! Trials from draw to score.
+//! Tests of trials from draw to score.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -14,7 +14,7 @@ fn drawn(case: Case, count: usize) -> Vec<Trial> {
     plans.filter_map(|p| Trial::draw(&p, &Setting::default()).unwrap()).take(count).collect()
 }
 
-/// The diagnosis that names exactly the truth, with intervals of plus and minus a tenth.
+/// A diagnosis that names exactly the truth, with intervals of plus and minus a tenth of each value.
 fn perfect(trial: &Trial) -> Value {
     let causes: Vec<Value> = trial
         .answer
@@ -145,7 +145,7 @@ fn pairs_count_when_both_are_named_in_any_order() {
 
 #[test]
 fn a_listing_counts_only_where_the_records_are_alike() {
-    // On the quadrotor u_pitch drives pitch_rate alone: its gain is B[4,2].
+    // On the quadrotor, u_pitch acts on pitch_rate only: its gain is B[4,2].
     let vehicle = whirlstand_vehicle::Vehicle::builtin("quadrotor").unwrap();
     let mut vehicle = vehicle;
     vehicle.free.clear();
@@ -173,7 +173,7 @@ fn a_listing_counts_only_where_the_records_are_alike() {
 
 #[test]
 fn what_is_outside_the_table_is_alike_only_under_a_name_that_does_the_same() {
-    // The square of an input that goes from one side to the other and back is a constant for that while.
+    // The square of an input that changes from one side to the other is constant during that time.
     let setting =
         Setting { lengths_s: Some((15.0, 45.0)), rates_hz: Some(vec![50.0, 100.0]), ..Setting::default() };
     let trial =

@@ -1,5 +1,5 @@
-//! Conversion of the commands in force to the acting inputs: trim and static effects, as a filter takes them
-//! from the vehicle file.
+//! Converts the commands in force to the acting inputs, by the trim and the static effects that a filter
+//! takes from the vehicle file.
 
 use whirlstand_vehicle::{Backlash, InputEffects, RateLimit, dead_zone};
 
@@ -17,7 +17,7 @@ pub struct Acting {
 }
 
 impl Acting {
-    /// The initial state under a neutral command.
+    /// The state at rest under a neutral command.
     pub fn new(effects: InputEffects, trim: f64, period_s: f64) -> Self {
         let rest = dead_zone(-trim, effects.dead_zone).max(effects.lower).min(effects.upper);
         Self {
@@ -29,8 +29,8 @@ impl Acting {
         }
     }
 
-    /// Input acting over the period that begins with step `step` of the run, in commands counted from the
-    /// trim. To be called once for every period, in order.
+    /// Input acting over the period that begins with step `step` of the run, relative to the trim. Must be
+    /// called once for every period, in order.
     pub fn next(&mut self, u: f64, step: u64) -> f64 {
         let e = &self.effects;
         let mut acting = u * drifted(self.drift, step) - self.trim;

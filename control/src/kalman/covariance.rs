@@ -1,4 +1,4 @@
-//! One step of the covariance: prediction, then one measurement at a time in Joseph's form.
+//! One step of the covariance: prediction, then sequential measurement updates in Joseph form.
 
 use nalgebra::DMatrix;
 
@@ -6,14 +6,15 @@ use super::filter_model::FilterModel;
 use super::flow::Flow;
 use crate::kernel::{Block, Packed, add_scaled, blocks, dot};
 
-/// Results of a covariance step: gain, whitening of the innovations, standard deviations, covariance.
+/// Results of a covariance step: gain, whitening of the innovations, standard deviations and covariance.
 #[derive(Debug, Clone)]
 pub struct Gains {
     /// Bit mask of the measurements that these gains use.
     pub mask: u64,
     /// Kalman gain, states x outputs.
     pub gain: Packed,
-    /// Whitening matrix, outputs x outputs: from innovations to independent ones of unit variance.
+    /// Whitening matrix, outputs x outputs, which transforms innovations to independent ones of unit
+    /// variance.
     pub whitening: Packed,
     /// Standard deviations of the states after the measurements.
     pub std: Vec<f64>,
@@ -34,7 +35,7 @@ impl Gains {
     }
 }
 
-/// Covariance of the estimate with its model.
+/// Covariance of the estimate, with its model.
 #[derive(Debug, Clone)]
 pub struct Covariance {
     n: usize,
@@ -48,7 +49,7 @@ pub struct Covariance {
     variance: Vec<f64>,
     p: Packed,
     product: Packed,
-    /// P h, the gain of one measurement, and the correction of Joseph's form.
+    /// Work vectors: P h; then the gain `k` of one measurement, and the correction `w` of the Joseph form.
     v: Vec<Block>,
     k: Vec<Block>,
     w: Vec<Block>,
@@ -85,12 +86,12 @@ impl Covariance {
         self.p.copy_from(p);
     }
 
-    /// Propagates the covariance to the end of the map.
+    /// Propagates the covariance over all steps of the map.
     pub fn flow_on(&mut self, flow: &mut Flow) {
         flow.apply(&mut self.p);
     }
 
-    /// Largest change of an entry since `before`, relative to its two standard deviations.
+    /// Largest change of an entry since `before`, relative to the product of its two standard deviations.
     pub fn change_from(&self, before: &Packed) -> f64 {
         let mut largest: f64 = 0.0;
         for j in 0..self.n {
@@ -113,8 +114,8 @@ impl Covariance {
         self.p.add_product(&self.product, &self.f_rows, self.n);
     }
 
-    /// Adds the variance of changes of the state by each vector of `pushes`, one after the other, times a random number
-    /// of variance one.
+    /// Adds the covariance of random state changes: for each vector of `pushes`, that vector times an
+    /// independent random number of variance one.
     pub fn push(&mut self, pushes: &[f64]) {
         for push in pushes.chunks_exact(self.n) {
             self.v.as_flattened_mut()[..self.n].copy_from_slice(push);
@@ -129,7 +130,8 @@ impl Covariance {
         self.update_beside(mask, &[], gains);
     }
 
-    /// As [`Self::update`], with further variance of each measurement, where there is any.
+    /// As [`Self::update`], with the variance of each measurement increased by its entry of `more`, where
+    /// there is one.
     pub fn update_beside(&mut self, mask: u64, more: &[f64], gains: &mut Gains) {
         let n = self.n;
         gains.mask = mask;

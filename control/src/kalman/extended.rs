@@ -1,13 +1,13 @@
-//! Filter model for a vehicle with linear effects: delayed inputs and sensors, lags and modes, vibration as
+//! Filter model for a vehicle with linear effects: delayed inputs and sensors, lags, modes, and vibration as
 //! an oscillator.
 //!
 //! States that follow from the commands alone (past commands, lags and modes of the inputs) are known and
-//! need no estimate: they enter the filter as further inputs. Lags of sensors and past outputs are states; a
-//! delayed measurement is then an exact measurement of an earlier state, at the cost of the delay's length in
-//! states (Anderson and Moore, "Optimal Filtering", 1979, section 11.2 on augmentation). A tone of known
-//! frequency is an oscillator driven by random steps that keep it in phase: a notch filter would remove it
-//! from the output as well, but with a phase lag of the motion below the tone, which the oscillator, as part
-//! of the model, does not cause.
+//! need no estimate: they enter the filter as additional inputs. Lags of sensors and past outputs are states;
+//! a delayed measurement is then an exact measurement of an earlier state, at the cost of one state per
+//! period of delay (Anderson and Moore, "Optimal Filtering", 1979, section 11.2 on augmentation). A tone of
+//! known frequency is an oscillator with process noise, which keeps it in phase. A notch filter would also
+//! remove the tone from the output, but with a phase lag of the motion below the tone; the oscillator, as
+//! part of the model, causes none.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{DiscretiseError, LinearModel};
@@ -17,7 +17,8 @@ use super::filter_model::FilterModel;
 use crate::kernel::{Block, Packed, blocks};
 use crate::sampled_model::SampledModel;
 
-/// Initial standard deviation of a tone, and its change per second, relative to its output's noise.
+/// Initial standard deviation of a tone, and (`TONE_WALK`) its random walk per sqrt(s), relative to its
+/// output's noise.
 const TONE_START: f64 = 30.0;
 const TONE_WALK: f64 = 0.3;
 
@@ -43,12 +44,12 @@ pub struct Extended {
     pub initial: Vec<f64>,
     /// Index of the first bias.
     pub first_bias: usize,
-    /// States that follow from the commands.
+    /// States that follow from the commands alone.
     pub known: Known,
 }
 
 impl Extended {
-    /// Builds the model.
+    /// Builds the extended model.
     ///
     /// # Errors
     /// [`DiscretiseError`] when an unstable mode of the plant is too fast for the period.
@@ -94,8 +95,8 @@ impl Extended {
             q[(n + k, n + k)] = walk * walk * period_s;
             initial.push(std);
         }
-        // An offset of an input acts like a constant command after past commands, lags and modes have
-        // settled.
+        // An offset of an input acts like a constant command, with past commands, lags and modes at their
+        // steady state.
         let rest = rest_under_commands(&sampled);
         for (k, &(input, std, walk)) in given.input_biases.iter().enumerate() {
             let at = n + nb + k;
@@ -134,7 +135,7 @@ fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>)
     let mut initial: Vec<f64> = given.scales.iter().map(|s| 10.0 * s).collect();
     for z in motion..linear.a.nrows() {
         let shown = (0..linear.c.nrows()).find(|i| linear.c[(*i, z)] != 0.0);
-        // A lag that no output shows, such as a lag of a lag: the largest scale of all.
+        // A lag that no output shows, such as a lag of a lag, has the largest scale.
         initial.push(shown.map_or_else(
             || 10.0 * given.scales.iter().copied().fold(0.0, f64::max),
             |i| {
@@ -150,7 +151,8 @@ fn starts(linear: &LinearModel, sampled: &SampledModel, given: &Ingredients<'_>)
     initial
 }
 
-/// Steady state of past commands, lags and modes under constant commands: (I - f) x = g u; all of them decay.
+/// Steady state of past commands, lags and modes under constant commands, from (I - f) x = g u; all of them
+/// decay.
 fn rest_under_commands(sampled: &SampledModel) -> DMatrix<f64> {
     let (own, m) = (sampled.layout.own, sampled.g.ncols());
     let count = sampled.layout.known() - own;
@@ -177,9 +179,10 @@ pub struct Known {
     /// True when a measurement contains the input of the same time.
     feedthrough: bool,
     begun: bool,
-    /// Step of the run.
+    /// Step number of the run.
     at: u64,
-    /// Inputs of the filter over the previous step and now, and the outputs minus their known errors.
+    /// Inputs of the filter over the previous step; `now` holds the present ones, and `y` the outputs minus
+    /// their known offsets.
     pub before: Vec<f64>,
     /// See [`Self::before`].
     pub now: Vec<f64>,
@@ -215,14 +218,13 @@ impl Known {
         }
     }
 
-    /// Sets the step of the run of the next update, where it does not follow the last one.
+    /// Sets the step number of the next update, where it does not follow the last one.
     pub fn set_step(&mut self, step: u64) {
         self.at = step;
     }
 
-    /// Applies the static effects to the commands. Effects with a memory are evaluated once per period: where
-    /// a measurement contains the input of the same time, the input acting now is reused as the previous one
-    /// at the next step.
+    /// Applies the static effects to the commands. Effects with memory are evaluated once per period: with
+    /// feedthrough, the input acting now is reused as the previous one at the next step.
     fn act(&mut self, u_before: &[f64], u_now: &[f64]) {
         let since = self.at.saturating_sub(1);
         for (i, acting) in self.acting.iter_mut().enumerate() {
@@ -235,8 +237,8 @@ impl Known {
         self.at = self.at.saturating_add(1);
     }
 
-    /// Propagates by the commands that acted since the previous step, and takes the present outputs and
-    /// commands.
+    /// Propagates the known states by the commands that acted since the previous step, and stores the present
+    /// outputs and commands.
     pub fn step(&mut self, y: &[f64], u_before: &[f64], u_now: &[f64]) {
         let m = self.acting.len();
         self.act(u_before, u_now);
@@ -261,7 +263,8 @@ impl Known {
     }
 }
 
-/// The same vehicle for a filter that uses only its kinematics: no force, no input; sensors unchanged.
+/// The model of a filter that uses only the kinematics of the vehicle, without forces and inputs; sensors are
+/// unchanged.
 pub fn kinematic(linear: &LinearModel, kinematics: &[Option<(usize, f64)>]) -> LinearModel {
     let (own, first) = (linear.own, linear.own + linear.actuators);
     let kept: Vec<usize> = (0..own).chain(first..linear.a.nrows()).collect();

@@ -1,4 +1,4 @@
-//! The Kalman filter for any linear model, with intermittent measurements and stored periodic gains.
+//! The Kalman filter for a linear model, with intermittent measurements and stored periodic gains.
 
 use nalgebra::DMatrix;
 
@@ -6,14 +6,14 @@ use super::filter_model::FilterModel;
 use super::recursion::Recursion;
 use crate::kernel::{Block, Packed, blocks};
 
-/// A discrete Kalman filter for `x+ = F x + G u + w`, `y = H x + D u + v`, with w of covariance Q and v of
-/// independent components.
+/// A discrete-time Kalman filter for `x+ = F x + G u + w`, `y = H x + D u + v`, with w of covariance Q and v
+/// of independent components.
 ///
-/// Measurements are processed one at a time in Joseph's form (Bucy and Joseph 1968), which keeps the
-/// covariance symmetric and positive whatever the rounding of the gain. When the pattern of fresh
-/// measurements repeats, gains are stored and used for as long as the covariance hardly changes, and a step
-/// costs a few matrix-vector products; the first step that breaks the pattern returns to the full recursion
-/// from the covariance of the stored gains.
+/// Measurements are processed sequentially in Joseph form (Bucy and Joseph 1968), which keeps the covariance
+/// symmetric and positive despite rounding errors of the gain. When the pattern of fresh measurements repeats
+/// and the covariance hardly changes, gains are stored and reused, so that a step costs a few matrix-vector
+/// products; the first step that breaks the pattern returns to the full recursion from the covariance of the
+/// stored gains.
 #[derive(Debug, Clone)]
 pub struct KalmanFilter {
     states: usize,
@@ -22,7 +22,7 @@ pub struct KalmanFilter {
     pub(super) f: Packed,
     pub(super) g: Packed,
     pub(super) h: Packed,
-    /// Feed-through matrix; none when it is zero.
+    /// Feed-through matrix; `None` when it is zero.
     pub(super) d: Option<Packed>,
     x: Vec<Block>,
     innovation: Vec<Block>,
@@ -34,7 +34,7 @@ pub struct KalmanFilter {
 }
 
 impl KalmanFilter {
-    /// A filter that starts from a zero state with the given standard deviations of the n states.
+    /// A filter with initial state zero and the given initial standard deviations of the n states.
     pub fn new(model: FilterModel, initial: &[f64]) -> Self {
         let (states, outputs) = (model.f.nrows(), model.h.nrows());
         let p = DMatrix::from_fn(states, states, |i, j| if i == j { initial[i] * initial[i] } else { 0.0 });
@@ -72,13 +72,14 @@ impl KalmanFilter {
         &self.recursion.gains().std
     }
 
-    /// Covariance of the estimate, n x n; while stored gains are in use, that of the step for which they were
-    /// computed.
+    /// Covariance of the estimate, n x n; while stored gains are in use, it is that of the step for which
+    /// they were computed.
     pub fn covariance(&self) -> DMatrix<f64> {
         self.recursion.covariance(self.states)
     }
 
-    /// Normalised innovation squared of the last step, chi-square with [`Self::dof`] degrees of freedom.
+    /// Normalised innovation squared of the last step, chi-square distributed with [`Self::dof`] degrees of
+    /// freedom.
     pub fn nis(&self) -> f64 {
         self.nis
     }
@@ -88,25 +89,26 @@ impl KalmanFilter {
         self.dof
     }
 
-    /// Innovations of the last step, whitened: independent and of variance one when the model is correct.
-    /// Entry i is that of measurement i given those before it; zero where it was left out.
+    /// Whitened innovations of the last step: independent and of variance one when the model is correct.
+    /// Entry i is that of measurement i given the measurements before it; zero where measurement i was not
+    /// used.
     pub fn whitened(&self) -> &[f64] {
         &self.independent.as_flattened()[..self.outputs]
     }
 
-    /// True when the gains have converged for good.
+    /// Whether the gains have converged for good.
     pub fn settled(&self) -> bool {
         self.recursion.settled()
     }
 
-    /// Sets the state and keeps its covariance.
+    /// Sets the state; the covariance is kept.
     pub fn set_state(&mut self, x: &[f64]) {
         self.x.as_flattened_mut().iter_mut().take(self.states).zip(x).for_each(|(a, b)| *a = *b);
     }
 
-    /// One step: prediction with the input that acted since the step before (none before the first), then the
-    /// measurements whose bit in `mask` is set. `y` has p entries, the inputs m. Measurements that are not finite
-    /// are left out.
+    /// One step: prediction with the input that acted since the previous step (none before the first), then
+    /// the measurements whose bit in `mask` is set. `y` has p entries, the inputs have m. Measurements that
+    /// are not finite are ignored.
     pub fn step(&mut self, y: &[f64], mask: u64, u_before: &[f64], u_now: &[f64]) {
         let mask = self.usable(y, mask);
         self.predict(u_before);
@@ -114,9 +116,9 @@ impl KalmanFilter {
         self.apply(y, mask, u_now);
     }
 
-    /// A step as [`Self::step`] of which more is unknown: the state has also changed by each vector of `pushes`, one
-    /// after the other, times a random number of variance one, and the variance of each measurement is larger by an entry of `more`. All
-    /// steps of a filter are of this kind, or none.
+    /// A step as [`Self::step`] without inputs and with more uncertainty: the state also changes by each
+    /// vector of `pushes` times an independent random number of variance one, and the variance of each
+    /// measurement increases by its entry of `more`. Either all steps of a filter are of this kind, or none.
     pub fn step_uncertain(&mut self, y: &[f64], mask: u64, (pushes, more): (&[f64], &[f64])) {
         let mask = self.usable(y, mask);
         self.predict(&[]);
@@ -124,12 +126,13 @@ impl KalmanFilter {
         self.apply(y, mask, &[]);
     }
 
-    /// Number of values of [`Self::write_gains`].
+    /// Number of values that [`Self::write_gains`] writes.
     pub fn gains_len(&self) -> usize {
         (self.states + self.outputs) * self.outputs
     }
 
-    /// Writes the gain of the last step and the whitening of its innovations, column after column, into `to`.
+    /// Writes the gain of the last step and the whitening matrix of its innovations into `to`, column by
+    /// column.
     pub fn write_gains(&self, to: &mut [f64]) {
         let gains = self.recursion.gains();
         let (gain, whitening) = to.split_at_mut(self.states * self.outputs);
@@ -142,7 +145,7 @@ impl KalmanFilter {
     }
 
     /// A step with gains that another filter of the same model has [written](Self::write_gains), for the same
-    /// measurements. The covariance stays what it was.
+    /// measurements. The covariance is not updated.
     pub fn step_by(&mut self, y: &[f64], mask: u64, gains: &[f64]) {
         let mask = self.usable(y, mask);
         self.predict(&[]);
@@ -150,7 +153,7 @@ impl KalmanFilter {
         self.apply(y, mask, &[]);
     }
 
-    /// The measurements of `mask` that are numbers.
+    /// The mask restricted to existing measurements with finite values.
     fn usable(&self, y: &[f64], mask: u64) -> u64 {
         let mut mask = mask & u64::MAX.checked_shr(64 - self.outputs as u32).unwrap_or(0);
         for (i, v) in y.iter().enumerate().take(self.outputs) {
@@ -173,7 +176,7 @@ impl KalmanFilter {
         }
     }
 
-    /// Computes innovations and NIS, and updates the state.
+    /// Computes innovations and NIS, and updates the state estimate.
     fn apply(&mut self, y: &[f64], mask: u64, u_now: &[f64]) {
         let gains = self.recursion.gains();
         for (i, v) in self.innovation.as_flattened_mut().iter_mut().enumerate().take(self.outputs) {

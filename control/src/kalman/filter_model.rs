@@ -1,8 +1,8 @@
-//! The sampled linear model of a filter.
+//! The discrete-time linear model of a filter.
 
 use nalgebra::DMatrix;
 
-/// The model of a [`super::KalmanFilter`] with n states, m inputs and p outputs.
+/// The discrete-time model of a [`super::KalmanFilter`] with n states, m inputs and p outputs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilterModel {
     /// State transition F, n x n.
@@ -13,7 +13,7 @@ pub struct FilterModel {
     pub h: DMatrix<f64>,
     /// Feed-through D, p x m.
     pub d: DMatrix<f64>,
-    /// Covariance of the process noise over one step, n x n, positive semidefinite.
+    /// Covariance of the process noise per step, n x n, positive semidefinite.
     pub q: DMatrix<f64>,
     /// Variances of the p measurements, positive.
     pub variance: Vec<f64>,

@@ -1,17 +1,17 @@
-//! Propagates the covariance over many steps at once.
+//! Propagation of the covariance over many steps at once.
 //!
-//! Over any number of steps with given measurements, an optimal filter changes its covariance from P to `H +
-//! A P (I + G P)^-1 A'`. The composition of such maps has the same form, so a map over 2 k steps follows from
-//! one over k: the doubling algorithm (Anderson and Moore, Optimal Filtering, 1979, section 6.7; Chu, Fan,
-//! Lin and Wang, Int. J. Control 77, 2004). It is exact for any P, not only in the limit. After construction
-//! nothing here allocates.
+//! Over any number of steps with given measurements, an optimal filter maps its covariance P to `H + A P (I +
+//! G P)^-1 A'`. The composition of such maps has the same form, so a map over 2 k steps follows from one over
+//! k: the doubling algorithm (Anderson and Moore, Optimal Filtering, 1979, section 6.7; Chu, Fan, Lin and
+//! Wang, Int. J. Control 77, 2004). It is exact for any P, not only in the limit. After construction no
+//! operation allocates.
 
 use nalgebra::DMatrix;
 
 use super::filter_model::FilterModel;
 use crate::kernel::Packed;
 
-/// One map `P -> H + A P (I + G P)^-1 A'`.
+/// One covariance map `P -> H + A P (I + G P)^-1 A'`.
 #[derive(Debug, Clone)]
 struct Map {
     a: Packed,
@@ -38,7 +38,7 @@ pub struct Flow {
     n: usize,
     f: Packed,
     q: Packed,
-    /// Information h' h / r of each output.
+    /// Information matrix h' h / r of each output.
     information: Vec<Packed>,
     whole: Map,
     step: Map,
@@ -78,7 +78,7 @@ impl Flow {
         (0..self.n).for_each(|i| self.whole.a.set(i, i, 1.0));
     }
 
-    /// Adds one step: prediction, then the measurements of `mask`.
+    /// Appends one step to the map: prediction, then the measurements of `mask`.
     pub fn append(&mut self, mask: u64) {
         let n = self.n;
         // Prediction is the map (F, 0, Q), measurement (I, Y, 0); their composition has A = (I + Q Y)^-1 F,
@@ -133,7 +133,7 @@ impl Flow {
         whole.h.symmetrise(n);
     }
 
-    /// Applies the map to P.
+    /// Applies the map to the covariance P.
     pub fn apply(&mut self, p: &mut Packed) {
         let n = self.n;
         let Self { whole, next, left, right, elimination, .. } = self;
@@ -164,7 +164,7 @@ impl Elimination {
     }
 
     /// Solves `(I + m) x = b` for two right-hand sides, n x n each. I + m is never singular here: m is a
-    /// product of two positive semidefinite matrices, whose eigenvalues are not negative.
+    /// product of two positive semidefinite matrices, so its eigenvalues are not negative.
     fn solve(&mut self, m: &Packed, b: [&Packed; 2], x: [&mut Packed; 2]) {
         let n = self.n;
         let width = 3 * n;

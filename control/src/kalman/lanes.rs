@@ -1,6 +1,6 @@
-//! One filter over several simultaneous flights: the gains are the same for all, because they depend on the
-//! model and on the pattern of measurements. Every number is bit-identical to that of [`Estimator`] over the
-//! single flight.
+//! One filter for several simultaneous flights, which share the gains, since these depend only on the model
+//! and on the pattern of measurements. Every number is bit-identical to that of [`Estimator`] for the single
+//! flight.
 
 #![expect(clippy::needless_range_loop, reason = "a loop over lanes indexes several rows alike")]
 
@@ -27,7 +27,8 @@ pub struct EstimatorLanes<const K: usize> {
 }
 
 impl<const K: usize> EstimatorLanes<K> {
-    /// All flights in the state of `estimator`. `None` for a filter with delays, lags or nonlinear inputs.
+    /// Starts all flights in the state of `estimator`. `None` for a filter with delays, lags or nonlinear
+    /// inputs.
     pub fn new(estimator: &Estimator) -> Option<Self> {
         let filter = estimator.filter();
         estimator.knows_plain_inputs().then(|| Self {
@@ -47,8 +48,8 @@ impl<const K: usize> EstimatorLanes<K> {
         })
     }
 
-    /// Updates as [`Estimator::step`] for each flight; `valid` marks the outputs that are fresh in all of
-    /// them. Values that are not finite invalidate their own flight only.
+    /// Updates each flight as [`Estimator::step`]; `valid` marks the outputs that are fresh in all of them.
+    /// Values that are not finite invalidate their own flight only.
     #[inline(always)]
     pub fn step(&mut self, y: &[[f64; K]], valid: u64, u_before: &[[f64; K]], u_now: &[[f64; K]]) {
         let outputs = self.innovation.len();
@@ -80,7 +81,7 @@ impl<const K: usize> EstimatorLanes<K> {
         self.dof = mask.count_ones();
     }
 
-    /// Estimated states in the plant's order, each for all flights.
+    /// Estimated states in the plant's order, each as an array over the flights.
     #[inline(always)]
     pub fn x(&self) -> &[[f64; K]] {
         &self.x[..self.states]
@@ -103,7 +104,7 @@ impl<const K: usize> EstimatorLanes<K> {
         self.dof
     }
 
-    /// True when the gains have converged.
+    /// Whether the gains have converged.
     pub fn converged(&self) -> bool {
         self.recursion.settled()
     }

@@ -1,26 +1,26 @@
-//! The age of the measurements, estimated beside a filter: the two-stage filter of Friedland (1969).
+//! Estimation of the age of the measurements alongside a filter: the two-stage filter of Friedland (1969).
 //!
-//! A filter takes each measurement for one of its own step. Those of a real vehicle are older, by a time that is
-//! unknown and changes slowly, and by a different time in each sample. To first order a measurement that is older by
-//! `b` differs by the outputs' slope times `-b`. The common age is a bias with this time-varying influence: its effect
-//! on the filter's state is followed (the response V of Friedland), and it is estimated from the filter's innovations.
-//! What differs from sample to sample is noise for the filter.
+//! A filter assigns each measurement to its own step. The measurements of a real vehicle are older, by a
+//! slowly changing, unknown time and by a different time in each sample. To first order, the age `b` of a
+//! measurement changes it by the outputs' slope times `-b`. The common age is a bias with this time-varying
+//! influence: its effect on the filter's state is propagated (the response V of Friedland), and it is
+//! estimated from the filter's innovations. The variation from sample to sample is noise for the filter.
 //!
 //! Source: B. Friedland, Treatment of bias in recursive filtering, IEEE Trans. Automatic Control 14 (1969).
 
 use super::filter::KalmanFilter;
 use crate::kernel::{Block, blocks};
 
-/// Estimator of the measurements' age beside a [`KalmanFilter`]. A step allocates nothing.
+/// Estimator of the age of the measurements alongside a [`KalmanFilter`]. A step allocates nothing.
 #[derive(Debug, Clone)]
 pub struct MeasurementAge {
-    /// Variance of the age, s^2, and its growth in a step.
+    /// Variance of the age, s^2, and (`walk`) its increase per step.
     variance: f64,
     walk: f64,
-    /// Error of the filter's state per second of age: V.
+    /// Friedland's response V: the error of the filter's state per second of age.
     response: Vec<Block>,
     scratch: Vec<Block>,
-    /// Sensitivity of the innovations to the age, and whitened.
+    /// Sensitivity of the innovations to the age; `white`: whitened.
     sensitivity: Vec<Block>,
     white: Vec<Block>,
     whitened: Vec<f64>,
@@ -30,14 +30,14 @@ pub struct MeasurementAge {
 /// Standard deviations of the age, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AgeSpread {
-    /// Of the age at the beginning.
+    /// Standard deviation of the initial age.
     pub initial_s: f64,
-    /// Of its change within a second.
+    /// Standard deviation of its change per second.
     pub per_second_s: f64,
 }
 
 impl MeasurementAge {
-    /// An estimator beside `filter`, which has not made a step yet and whose step is `period_s`.
+    /// An estimator for `filter`, which must not have made a step yet and has the sampling period `period_s`.
     pub fn new(filter: &KalmanFilter, period_s: f64, spread: AgeSpread) -> Self {
         let (n, p) = (filter.x().len(), filter.outputs);
         let of = |rows: usize| vec![[0.0; 4]; blocks(rows)];
@@ -53,9 +53,9 @@ impl MeasurementAge {
         }
     }
 
-    /// Follows a step of the filter, whose measurements changed by `slope` per second, and returns the change of the
-    /// estimated age, s. The caller adds it to the age with which it prepares measurements, and [`Self::change`] to the
-    /// state of the filter.
+    /// Processes a step of the filter, whose measurements changed by `slope` per second, and returns the
+    /// change of the estimated age, s. The caller adds it to the age with which it prepares measurements, and
+    /// [`Self::change`] to the state of the filter.
     pub fn step(&mut self, filter: &KalmanFilter, slope: &[f64]) -> f64 {
         let gains = filter.recursion.gains();
         self.scratch.fill([0.0; 4]);
@@ -77,7 +77,7 @@ impl MeasurementAge {
         age
     }
 
-    /// Estimates the age from whitened innovations, one after the other.
+    /// Updates the age estimate sequentially with the whitened innovations; returns the change of the age.
     fn update(&mut self, innovations: &[f64]) -> f64 {
         let (mut age, mut p) = (0.0, self.variance + self.walk);
         for ((w, s), white) in innovations.iter().zip(self.white.as_flattened()).zip(&mut self.whitened) {
@@ -91,18 +91,18 @@ impl MeasurementAge {
         age
     }
 
-    /// Begins anew with a standard deviation of the age, s, beside a filter whose state owes nothing to the age.
+    /// Restarts with a standard deviation of the age, s, for a filter whose state does not depend on the age.
     pub fn begin(&mut self, std_s: f64) {
         self.variance = std_s * std_s;
         self.response.fill([0.0; 4]);
     }
 
-    /// Change of the filter's state that belongs to the last change of the age.
+    /// Change of the filter's state that corresponds to the last change of the age.
     pub fn change(&self) -> &[f64] {
         &self.change
     }
 
-    /// Innovations of the last step, whitened and without what the age explains, as [`KalmanFilter::whitened`].
+    /// Whitened innovations of the last step after the correction of the age, as [`KalmanFilter::whitened`].
     pub fn whitened(&self) -> &[f64] {
         &self.whitened
     }
@@ -120,8 +120,8 @@ mod tests {
     use super::*;
     use crate::kalman::FilterModel;
 
-    /// The filter whose state is extended by the age, by the textbook formulas. For an age that does not change, the
-    /// two stages are exact.
+    /// Compares the two stages with the textbook filter whose state is augmented by the age; for a constant
+    /// age they are equal.
     #[test]
     fn both_stages_together_are_the_filter_with_the_age_as_a_state() {
         let dt = 0.01;
@@ -166,7 +166,7 @@ mod tests {
                 nis += error * error / variance;
                 rows.push(error / variance.sqrt());
             }
-            // What is measured, if the age is what it is taken for.
+            // The measurements, corrected by the estimated age.
             let aged: Vec<f64> = y.iter().zip(slope).map(|(y, slope)| y + slope * age).collect();
             filter.step_uncertain(&aged, mask, (&[], &[]));
             age += stage.step(&filter, &slope);
@@ -194,7 +194,8 @@ mod tests {
         };
         let mut filter = KalmanFilter::new(model, &[1.0]);
         filter.step_uncertain(&[0.0], 1, (&[], &[]));
-        // Half of the variance is left; 1.5 are added in two pushes, and 2 to that of the measurement.
+        // Half of the variance remains; the pushes add 1.5 to it, and `more` adds 2 to that of the
+        // measurement.
         filter.step_uncertain(&[2.0], 1, (&[1.0, 0.5f64.sqrt()], &[2.0]));
         assert!((filter.whitened()[0] - 2.0 / 5f64.sqrt()).abs() < 1e-12, "{:?}", filter.whitened());
         assert!((filter.x()[0] - 2.0 * 2.0 / 5.0).abs() < 1e-12, "{:?}", filter.x());

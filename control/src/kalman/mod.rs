@@ -1,15 +1,15 @@
-//! Kalman filters for the full state.
+//! Kalman filters that estimate the full state.
 //!
-//! There are two models for one filter:
-//! - [`EstimatorKind::Kinematic`] contains only that an angle is the integral of its rate and a position that of
-//!   its speed; everything else is a random walk that measurements correct. As in the paper, rates are estimated
-//!   from angles. It uses no force model, and no input.
+//! The filter uses one of two models:
+//! - [`EstimatorKind::Kinematic`] contains only the integration of rates to angles and of speeds to
+//!   positions; everything else is a random walk that measurements correct. As in the paper, rates are
+//!   estimated from angles. It uses no force model, and no input.
 //! - [`EstimatorKind::Model`] predicts with the discretised vehicle and the inputs that act on it.
 //!
 //! By default a bias is estimated for gyros only, where it is observable by kinematics alone: the angle is
-//! measured as well, and its slope is the rate. The bias of an angle can be distinguished from a constant
+//! measured too, and its derivative is the rate. The bias of an angle can be distinguished from a constant
 //! disturbance only by an exact force model, so it is estimated only on request; a set of biases that is not
-//! observable from the outputs is refused. The same holds for the offsets of inputs.
+//! observable from the outputs is rejected. The same holds for the offsets of inputs.
 
 mod acting;
 mod covariance;

@@ -1,4 +1,4 @@
-//! The state estimator with its two models.
+//! The state estimator with a choice of two models.
 
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{LinearModel, discretise, finite_horizon_gramian};
@@ -22,14 +22,15 @@ pub struct Estimator {
     filter: KalmanFilter,
     states: usize,
     used: u64,
-    /// Index of the bias state of every output, or none.
+    /// Index of the bias state of every output; `None` without one.
     bias_state: Vec<Option<usize>>,
     bias: Vec<f64>,
-    /// Index of the offset state of every input, or none.
+    /// Index of the offset state of every input; `None` without one.
     input_bias_state: Vec<Option<usize>>,
     input_bias: Vec<f64>,
     steps: u64,
-    /// States that follow from the commands; absent for a vehicle without effects that a filter must model.
+    /// States that follow from the commands alone; absent for a vehicle without effects that a filter must
+    /// model.
     known: Option<Known>,
 }
 
@@ -37,7 +38,7 @@ impl Estimator {
     /// Designs the filter.
     ///
     /// # Errors
-    /// [`EstimatorError`], which names the output, option or state that prevents the design.
+    /// Returns an [`EstimatorError`], which names the output, option or state that prevents the design.
     pub fn new(
         plant: &SampledPlant,
         sensors: &Sensors,
@@ -47,10 +48,10 @@ impl Estimator {
     }
 
     /// Designs the filter for a vehicle with linear effects, given by `linear`: delayed inputs and sensors,
-    /// lags, tones, known errors of sensors.
+    /// lags, tones, and known sensor errors.
     ///
     /// # Errors
-    /// [`EstimatorError`], which names the output, option or state that prevents the design.
+    /// Returns an [`EstimatorError`], which names the output, option or state that prevents the design.
     pub fn of(
         plant: &SampledPlant,
         sensors: &Sensors,
@@ -119,7 +120,7 @@ impl Estimator {
         })
     }
 
-    /// Updates the estimate. `y` holds all p outputs, bit i of `valid` means that output i is fresh;
+    /// Updates the estimate. `y` holds all p outputs, and bit i of `valid` means that output i is fresh;
     /// `u_before` acted since the previous step, `u_now` acts at the time of measurement (relevant only where
     /// d is not zero).
     pub fn step(&mut self, y: &[f64], valid: u64, u_before: &[f64], u_now: &[f64]) {
@@ -139,7 +140,7 @@ impl Estimator {
         self.steps = self.steps.saturating_add(1);
     }
 
-    /// Sets the step of the run of the next update, where it does not follow the last one: for a filter that
+    /// Sets the step number of the next update, where it does not follow the last one, as for a filter that
     /// starts late.
     pub fn set_step(&mut self, step: u64) {
         if let Some(known) = &mut self.known {
@@ -167,7 +168,8 @@ impl Estimator {
         &self.input_bias
     }
 
-    /// Normalised innovation squared of the last step, chi-square with [`Self::dof`] degrees of freedom.
+    /// Normalised innovation squared of the last step, chi-square distributed with [`Self::dof`] degrees of
+    /// freedom.
     pub fn nis(&self) -> f64 {
         self.filter.nis()
     }
@@ -177,7 +179,7 @@ impl Estimator {
         self.filter.dof()
     }
 
-    /// True when the gains have converged.
+    /// Whether the gains have converged.
     pub fn converged(&self) -> bool {
         self.filter.settled()
     }
@@ -187,7 +189,7 @@ impl Estimator {
         self.used
     }
 
-    /// True when the filter uses commands and measurements unchanged.
+    /// Whether the filter uses commands and measurements unchanged.
     pub(super) fn knows_plain_inputs(&self) -> bool {
         self.known.is_none()
     }
@@ -229,7 +231,7 @@ fn check(plant: &SampledPlant, sensors: &Sensors) -> Result<(), EstimatorError> 
     }
 }
 
-/// The single state that output `i` shows with gain one, if any.
+/// The single state that output `i` measures with gain one, if any.
 fn shown_state(sensors: &Sensors, i: usize) -> Option<usize> {
     let entries: Vec<usize> = (0..sensors.c.ncols()).filter(|&j| sensors.c[(i, j)] != 0.0).collect();
     match entries[..] {
@@ -291,8 +293,8 @@ fn process_noise(
     }
 }
 
-/// Sampled model of the states followed by the biases of outputs and the offsets of inputs, and their initial
-/// standard deviations.
+/// Discrete-time model of the states, followed by the biases of outputs and the offsets of inputs, and their
+/// initial standard deviations.
 fn filter_model(
     plant: &SampledPlant,
     sensors: &Sensors,
@@ -317,7 +319,7 @@ fn filter_model(
     g.view_mut((0, 0), (n, m)).copy_from(&gamma);
     let mut h = DMatrix::zeros(p, n + nb);
     h.view_mut((0, 0), (p, n)).copy_from(&sensors.c);
-    // Covariance that white noise of these densities on the derivatives adds to the states in a period.
+    // State covariance over one period from white noise of these densities on the derivatives.
     let noise = process_noise(plant, options, kinematics)?;
     let density = DMatrix::from_fn(n, n, |i, j| if i == j { noise[i] * noise[i] } else { 0.0 });
     let mut q = DMatrix::zeros(n + nb, n + nb);
@@ -340,13 +342,13 @@ fn filter_model(
     Ok((FilterModel { f, g, h, d, q, variance }, initial))
 }
 
-/// Bias noise of an output: its initial standard deviation, and its random walk per sqrt(s).
+/// Bias parameters of an output: its index, the initial standard deviation, and the random walk per sqrt(s).
 fn bias_noise(sensors: &Sensors, options: &EstimatorOptions, output: usize) -> (usize, f64, f64) {
     let std = sensors.std[output];
     (output, options.bias_std.unwrap_or(10.0 * std), options.bias_walk.unwrap_or(0.01 * std))
 }
 
-/// Indices of the gyro outputs: they show a rate that the inputs drive and whose angle is measured too.
+/// Whether each output is a gyro: it measures a rate that the inputs drive and whose angle is measured too.
 /// (Speeds are driven by angles.)
 fn gyros(plant: &SampledPlant, sensors: &Sensors, kinematics: &[Option<(usize, f64)>]) -> Vec<bool> {
     let own_b = plant.own_b();

@@ -8,8 +8,8 @@ use super::offsets::Offsets;
 use super::sensors::Sensors;
 use crate::sampled_plant::SampledPlant;
 
-/// Steady-state outputs as a function of the own states, p x n: an output with a lag shows the signal before
-/// the lag.
+/// Steady-state outputs as a function of the own states, p x n; an output with a lag has the value before the
+/// lag.
 pub fn shown_at_rest(linear: &LinearModel) -> DMatrix<f64> {
     let (own, first, size) = (linear.own, linear.own + linear.actuators, linear.a.nrows());
     let mut c = linear.c.clone();

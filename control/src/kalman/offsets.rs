@@ -1,32 +1,34 @@
-//! Unknown constants: biases of sensors and offsets of inputs, each an almost constant state.
+//! Unknown constants (biases of sensors and offsets of inputs), each modelled as an almost constant state.
 //!
-//! An offset of an input models any steady force that the inputs could hold (an eccentric centre of gravity,
-//! a bent blade, wind). As a state of the filter it makes the estimates unbiased at rest, so that a law that
-//! integrates their error leaves none (Muske and Badgwell, "Disturbance modeling for offset-free linear model
-//! predictive control", J. Process Control 12, 2002; Pannocchia and Rawlings, AIChE Journal 49, 2003).
+//! An offset of an input models any steady force that the inputs could balance (an eccentric centre of
+//! gravity, a bent blade, wind). As a state of the filter it makes the estimates unbiased at rest, so that a
+//! control law with integral action leaves no steady-state error (Muske and Badgwell, "Disturbance modeling
+//! for offset-free linear model predictive control", J. Process Control 12, 2002; Pannocchia and Rawlings,
+//! AIChE Journal 49, 2003).
 
 use super::error::EstimatorError;
 use super::options::{EstimatorKind, EstimatorOptions};
 use crate::options::Selector;
 use crate::sampled_plant::SampledPlant;
 
-/// Initial standard deviation of an offset and its random walk per sqrt(s), relative to the input's
+/// Initial standard deviation of an offset and (`WALK`) its random walk per sqrt(s), relative to the input's
 /// authority.
 const START: f64 = 0.2;
 const WALK: f64 = 0.01;
 
 /// Outputs with an estimated bias, and inputs with an estimated offset.
 pub struct Offsets<'a> {
-    /// Indices of the outputs.
+    /// Indices of the biased outputs.
     pub biased: &'a [usize],
-    /// Inputs: index, initial standard deviation, and walk per sqrt(s).
+    /// Inputs with an estimated offset: index, initial standard deviation, and walk per sqrt(s).
     pub trimmed: &'a [(usize, f64, f64)],
 }
 
 /// Inputs with an estimated offset, each once: index, initial standard deviation, and walk per sqrt(s).
 ///
 /// # Errors
-/// [`EstimatorError::Option`] for a name that is no input, a size that is not positive, and a filter without inputs.
+/// Returns [`EstimatorError::Option`] for an unknown input, a size that is not positive, or a filter without
+/// inputs.
 pub fn trimmed(
     plant: &SampledPlant,
     options: &EstimatorOptions,

@@ -8,9 +8,10 @@ use crate::options::{Selector, Weights};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EstimatorKind {
-    /// Angles from rates and positions from speeds only; angular rates from angles, no inputs.
+    /// Kinematics only: angles from rates and positions from speeds; rates are estimated from angles, without
+    /// inputs.
     Kinematic,
-    /// The discretised vehicle with its inputs.
+    /// The discretised vehicle model with its inputs.
     #[default]
     Model,
 }
@@ -19,10 +20,10 @@ pub enum EstimatorKind {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum VibrationModel {
-    /// White noise of the vibration's variance.
+    /// White noise with the variance of the vibration.
     #[default]
     Noise,
-    /// Oscillators of the vibration's frequencies, which are removed from the states.
+    /// Oscillators at the vibration's frequencies, whose signals are not part of the estimated states.
     Oscillator,
 }
 
@@ -35,21 +36,22 @@ pub struct EstimatorOptions {
     /// Model of declared vibration.
     pub vibration: VibrationModel,
     /// Density of the white noise on the derivative of each state, SI units times sqrt(s), by state. Default:
-    /// zero for kinematic rows; else the state's scale per sqrt(s), thrice that for the kinematic filter.
+    /// zero for kinematic rows; otherwise the state's scale per sqrt(s), three times that for the kinematic
+    /// filter.
     pub process_noise: Option<Weights>,
-    /// Outputs whose bias is estimated. Default: gyros, that is rates whose angle is measured as well.
+    /// Outputs whose bias is estimated. Default: gyros, which are rates whose angle is measured too.
     pub bias: Option<Vec<Selector>>,
     /// Initial standard deviation of the biases, SI units. Default: ten times the output's noise.
     pub bias_std: Option<f64>,
     /// Random walk of the biases, SI units per sqrt(s). Default: a hundredth of the output's noise.
     pub bias_walk: Option<f64>,
-    /// Inputs whose constant offset, the trim, is estimated as a further state: an unmodelled steady force
-    /// then does not bias the estimates. Default: none.
+    /// Inputs whose constant offset (trim) is estimated as an additional state, so that an unmodelled steady
+    /// force does not bias the estimates. Default: none.
     pub input_bias: Vec<Selector>,
     /// Initial standard deviation of the offsets, input units. Default: a fifth of the input's authority.
     pub input_bias_std: Option<f64>,
     /// Random walk of the offsets, input units per sqrt(s). Default: a hundredth of the input's authority.
     pub input_bias_walk: Option<f64>,
-    /// Outputs used. Default: all for the model; all but gyros for the kinematic filter, as in the paper.
+    /// Outputs used. Default: all with the model; all but gyros with the kinematic filter, as in the paper.
     pub outputs: Option<Vec<Selector>>,
 }

@@ -1,4 +1,4 @@
-//! Gains of a filter, step by step: they depend on the model and on the pattern of measurements, not on their
+//! Gains of a filter step by step, which depend on the model and on the pattern of measurements, not on their
 //! values.
 
 use nalgebra::DMatrix;
@@ -34,7 +34,7 @@ impl Recursion {
         }
     }
 
-    /// Advances to the step with the measurements of `mask`, and computes or selects its gains.
+    /// Advances to the step with the measurements of `mask`, and computes its gains or selects stored ones.
     #[inline]
     pub fn advance(&mut self, mask: u64) {
         let keeping = self.schedule.keeping();
@@ -61,7 +61,8 @@ impl Recursion {
         self.schedule.computed(mask, &mut self.flow, &mut self.covariance);
     }
 
-    /// Advances as [`Self::advance`], by a step that is like no other: its gains are not stored.
+    /// Advances as [`Self::advance`] with uncertainty that differs from step to step; the gains are not
+    /// stored.
     pub fn advance_uncertain(&mut self, mask: u64, pushes: &[f64], more: &[f64]) {
         if self.started {
             self.covariance.predict();
@@ -72,13 +73,13 @@ impl Recursion {
         self.covariance.update_beside(mask, more, &mut self.slots[0]);
     }
 
-    /// Takes gains that have been computed elsewhere, column after column.
+    /// Uses gains that were computed elsewhere, given column by column.
     pub fn take_gains(&mut self, mask: u64, states: usize, gains: &[f64]) {
         self.started = true;
         self.current = 0;
         let own = &mut self.slots[0];
         own.mask = mask;
-        // (states + outputs) outputs numbers.
+        // The slice holds (states + outputs) * outputs numbers.
         let outputs = own.whitening.columns();
         let (gain, whitening) = gains.split_at(states * outputs);
         for (j, column) in gain.chunks_exact(states).enumerate() {
@@ -95,19 +96,19 @@ impl Recursion {
         &self.slots[self.current]
     }
 
-    /// True after the first step.
+    /// Whether the first step has been made.
     #[inline]
     pub fn started(&self) -> bool {
         self.started
     }
 
-    /// True when the gains have converged for good.
+    /// Whether the gains have converged for good.
     pub fn settled(&self) -> bool {
         self.schedule.settled()
     }
 
-    /// Covariance of the estimate, n x n; while stored gains are in use, that of the step for which they were
-    /// computed.
+    /// Covariance of the estimate, n x n; while stored gains are in use, it is that of the step for which
+    /// they were computed.
     pub fn covariance(&self, n: usize) -> DMatrix<f64> {
         let p = if self.started { &self.gains().p } else { self.covariance.p() };
         p.to_matrix(n, n)

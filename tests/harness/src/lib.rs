@@ -1,14 +1,15 @@
-//! The harness of test programs whose tests need what not every machine has: measured data, a Python with public
-//! packages, the right to make network namespaces.
+//! The harness of test programs whose tests need prerequisites that not every machine has: measured data, a Python with
+//! public packages, the right to create network namespaces.
 //!
-//! The standard harness decides when it compiles which tests are ignored. Here a test returns an [`Outcome`], and what is
-//! missing goes up with `?`: the test is then reported as `ignored`, with the reason. Where the environment variable `CI`
-//! is set it fails instead and says what to install; only what that machine can never have is ignored there too.
+//! The standard harness decides at compile time which tests are ignored. Here a test returns an [`Outcome`] and passes
+//! a missing prerequisite up with `?`: the test is then reported as `ignored`, with the reason. Where the environment
+//! variable `CI` is set it fails instead and says what to install; only what that machine can never have is ignored
+//! there too.
 //!
-//! A test that fails while the machine's processors were given to others is tried again, see [`undisturbed`].
+//! A test that fails while the machine's processors were given to others is repeated, see [`undisturbed`].
 //!
-//! A test program gets its `main` from [`tests!`](crate::tests), or calls [`run`] from its own, which may first look
-//! whether the process was started as a child of a test. Every option of the standard harness works.
+//! A test program gets its `main` from [`tests!`](crate::tests), or calls [`run`] from its own `main`, which may first
+//! check whether the process was started as a child of a test. Every option of the standard harness works.
 
 mod betaflight;
 mod prerequisite;

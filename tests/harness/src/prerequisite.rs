@@ -14,7 +14,7 @@ pub struct Missing {
 }
 
 impl Missing {
-    /// A prerequisite that can be installed. `what` reads `no ...`, `remedy` says how.
+    /// A prerequisite that can be installed. `what` reads `no ...`, `remedy` says how to install it.
     pub fn installable(what: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { what: what.into(), why: remedy.into(), can_be_installed: true }
     }
@@ -38,7 +38,7 @@ impl fmt::Display for Missing {
 /// The folder of measured data.
 ///
 /// # Errors
-/// `WHIRLSTAND_DATA` names none.
+/// `WHIRLSTAND_DATA` names no folder.
 pub fn data() -> Result<PathBuf, Missing> {
     let remedy = "set it to the folder of measured records";
     Ok(named("WHIRLSTAND_DATA").ok_or_else(|| Missing::installable("no WHIRLSTAND_DATA", remedy))?.into())
@@ -47,7 +47,7 @@ pub fn data() -> Result<PathBuf, Missing> {
 /// The Python that has the packages of `tests/requirements.txt` and `examples/python/requirements.txt`.
 ///
 /// # Errors
-/// `WHIRLSTAND_PYTHON` names none.
+/// `WHIRLSTAND_PYTHON` names no program.
 pub fn python() -> Result<PathBuf, Missing> {
     let remedy =
         "set it to a Python with tests/requirements.txt and examples/python/requirements.txt installed";
@@ -57,7 +57,7 @@ pub fn python() -> Result<PathBuf, Missing> {
 /// The Python of `WHIRLSTAND_PYTHON`, or `python3`, if it has a package.
 ///
 /// # Errors
-/// It does not start or does not have the package.
+/// The program does not start or does not have the package.
 pub fn python_with(package: &str) -> Result<PathBuf, Missing> {
     let python = PathBuf::from(named("WHIRLSTAND_PYTHON").unwrap_or_else(|| "python3".into()));
     let import =
@@ -72,7 +72,7 @@ pub fn python_with(package: &str) -> Result<PathBuf, Missing> {
 /// A headless browser that draws pages: Chromium.
 ///
 /// # Errors
-/// None is installed.
+/// No Chromium is installed.
 pub fn browser() -> Result<PathBuf, Missing> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let places = std::env::split_paths(&path)

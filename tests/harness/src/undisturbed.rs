@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use crate::{Missing, Outcome};
 
-/// Share of the processors' time that others had, from which on a machine says nothing of what is on time. In 10 s and
-/// with two processors that is 0.4 s in all, longer than the shortest time limits of this project's nodes.
+/// Share of processor time taken by others from which on timing on this machine is not meaningful. In 10 s and with two
+/// processors that is 0.4 s in total, longer than the shortest time limits of this project's nodes.
 const DISTURBED_SHARE: f64 = 0.02;
 
 /// Most attempts of a test.
@@ -19,12 +19,12 @@ const LOOK: Duration = Duration::from_secs(1);
 /// Longest wait for a host at rest.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Runs a test that measures what real time costs. If it fails while the host takes the processors away, this machine
-/// cannot be asked: that is [`Missing`], and the test is reported as ignored. Use it for figures of real time only, after
-/// the flights have been [given a chance](wait_for_rest).
+/// Runs a test of real-time figures. If it fails while the host takes the processors away, this machine cannot decide:
+/// the result is [`Missing`], and the test is reported as ignored. Use it only for figures of real time, after the
+/// flights have [waited for an idle host](wait_for_rest).
 ///
 /// # Errors
-/// The test failed, and others had the processors meanwhile.
+/// The test failed while others used the processors.
 pub fn in_real_time(test: impl FnOnce()) -> Outcome {
     let before = Times::now().unwrap_or_default();
     let Err(failure) = catch_unwind(AssertUnwindSafe(test)) else { return Ok(()) };
@@ -49,8 +49,8 @@ pub fn wait_for_rest() {
     }
 }
 
-/// Runs a test. One that fails is run again if the host took the processors away meanwhile: that is no fault of what is
-/// tested. On a machine that is left alone, and where nobody counts such time, the first failure counts.
+/// Runs a test. If it fails while the host takes the processors away, it is run again, because the tested code is not
+/// at fault. On an undisturbed machine, or one that does not count such time, the first failure counts.
 pub fn undisturbed<T>(test: impl Fn() -> T) -> T {
     undisturbed_by(&test, || Times::now().unwrap_or_default(), wait_for_rest)
 }
@@ -91,7 +91,7 @@ impl Times {
         Some(Self { all: ticks.iter().sum(), stolen: *ticks.get(7)? })
     }
 
-    /// The share that others had since then.
+    /// Share of the time taken by others since `before`.
     fn stolen_since(self, before: Self) -> f64 {
         let all = self.all.saturating_sub(before.all);
         if all == 0 { 0.0 } else { self.stolen.saturating_sub(before.stolen) as f64 / all as f64 }
@@ -104,7 +104,7 @@ mod tests {
 
     use super::*;
 
-    /// How often a test that fails every time is run on a machine of which others take this share.
+    /// Number of runs of a test that always fails, on a machine of which others take `stolen` percent.
     fn runs(stolen: u64) -> usize {
         let (runs, ticks) = (Cell::new(0), Cell::new(0));
         let times = || {

@@ -18,7 +18,7 @@ pub(super) struct Cell {
     pub wall_s: f64,
 }
 
-/// How a cell ended.
+/// Outcome or failure of a cell.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Answer {
@@ -43,11 +43,11 @@ pub(super) struct Outcome {
     pub new: OnTruth,
     /// Result of the law designed on the true vehicle.
     pub designed: OnTruth,
-    /// (before - after) / (before - designed), of the median costs.
+    /// Share of the possible gain: (before - after) / (before - designed), median costs.
     pub share: Option<f64>,
-    /// Lower end of the interval of after over before.
+    /// Lower end of the confidence interval of the cost ratio after / before.
     pub after_over_before_low: Option<f64>,
-    /// Upper end of the interval of designed over before.
+    /// Upper end of the confidence interval of the cost ratio designed / before.
     pub designed_over_before_high: Option<f64>,
 }
 
@@ -61,7 +61,7 @@ pub(super) struct OnTruth {
 }
 
 impl OnTruth {
-    /// From the figures of the flights of one law.
+    /// Extracts the result from the figures of the flights of one law.
     pub fn of(figures: &LawFigures) -> Self {
         Self { cost: figures.cost.map(|c| c.median), lost: figures.probability_unstable.share }
     }

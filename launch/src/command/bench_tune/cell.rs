@@ -1,4 +1,4 @@
-//! One cell: a record is flown and tuned from, and three laws fly the true vehicle.
+//! Runs one cell: flies a record, tunes from it, and flies the laws on the true vehicle.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -17,7 +17,7 @@ use crate::error::Failure;
 use crate::file::{find, plan};
 use crate::tune::{Tuning, circle};
 
-/// Flies a cell; its failures are part of the result. `None` when a signal ended it.
+/// Flies a cell; a failure becomes part of the result. `None` when a signal ended it.
 pub(super) fn fly(scene: &Scene, draws: u64, processes: Option<Processes>) -> Result<Option<Cell>, Failure> {
     let began = Instant::now();
     let folder = tempfile::Builder::new()
@@ -77,7 +77,8 @@ fn tuned(
     }
 }
 
-/// Flies a launch file in this thread and writes its log. A flight that loses the vehicle is a record too.
+/// Flies a launch file in this thread and writes its log. A flight that ends in divergence gives a record
+/// too.
 fn record(launch: &str, log: PathBuf) -> Result<PathBuf, Failure> {
     let found = find(launch)?;
     let mut config = plan(&found.document, &found.name, &found.folder).map_err(Failure::mend)?.config;
@@ -91,7 +92,7 @@ fn record(launch: &str, log: PathBuf) -> Result<PathBuf, Failure> {
     }
 }
 
-/// Causes that the diagnosis named, in words.
+/// Causes that the diagnosis named, as text with their parameters.
 fn named(tuning: &Tuning) -> Vec<String> {
     let named = tuning.causes.iter().map(|cause| {
         let values: Vec<String> =

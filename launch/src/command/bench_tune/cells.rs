@@ -1,4 +1,5 @@
-//! The cells: every vehicle of the paper, every law, every effect that belongs to a vehicle, and Figure 12.
+//! The cells: every vehicle of the paper with every law and every effect that applies to a vehicle, and
+//! Figure 12.
 
 use crate::error::Failure;
 
@@ -6,11 +7,10 @@ const VEHICLES: [&str; 4] =
     ["quadrotor", "helicopter-hover", "helicopter-longitudinal", "helicopter-lateral"];
 const LAWS: [&str; 3] = ["lqr", "ppc", "smc"];
 
-/// The paper's quadrotor of Figure 12: held level by hand and by sliding mode, with an IMU that is not mounted
-/// level.
+/// The quadrotor of Figure 12 in the paper: held level by hand and by sliding mode, with a misaligned IMU.
 const FIGURE_12: &str = "figure-12";
 
-/// Effects of the table at sizes that matter: name, location, parameters.
+/// Effects of the table with sizes that affect the flight: name, location, parameters.
 const EFFECTS: [(&str, &str, &str); 25] = [
     ("input_delay", "u_roll", "delay_s = 0.3"),
     ("actuator_lag", "u_roll", "time_constant_s = 0.3"),
@@ -74,11 +74,11 @@ const STICK: [(f64, &str); 9] = [
 const GUST: (&str, &str, &str) =
     ("pulse_disturbance", "roll_rate", "at_s = 26.0\nduration_s = 0.2\nmagnitude = '60 deg/s^2'");
 
-/// Offsets of both angles of the IMU.
+/// Measurement offsets of both angles of the IMU.
 const OFFSETS: [(&str, &str, &str); 2] =
     [("sensor_bias", "roll", "offset = '3 deg'"), ("sensor_bias", "pitch", "offset = '-2 deg'")];
 
-/// A vehicle with a hidden effect under a law.
+/// A vehicle with hidden effects under a control law.
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
     /// Name of the built-in vehicle, or Figure 12.
@@ -111,10 +111,11 @@ pub(super) fn scenes() -> Vec<Scene> {
     table.chain(figure).collect()
 }
 
-/// The scenes that the user asked for: those that contain all words of one entry of `only`.
+/// The scenes that the user selected: those that match all words of an entry of `only`; all scenes if it is
+/// empty.
 ///
 /// # Errors
-/// For words that no scene has.
+/// Fails for an entry whose words no scene has.
 pub(super) fn wanted(only: &[String]) -> Result<Vec<Scene>, Failure> {
     let has = |scene: &Scene, words: &str| {
         words.split('/').all(|word| [scene.vehicle, scene.law, scene.effect].contains(&word))
@@ -132,7 +133,7 @@ pub(super) fn wanted(only: &[String]) -> Result<Vec<Scene>, Failure> {
 }
 
 impl Scene {
-    /// Vehicle, law and effect in one word.
+    /// Vehicle, law and effect, joined by slashes.
     pub fn name(&self) -> String {
         format!("{}/{}/{}", self.vehicle, self.law, self.effect)
     }
@@ -147,7 +148,7 @@ impl Scene {
         if self.law == "manual" { "smc" } else { self.law }
     }
 
-    /// The launch file of the record under a law; `how` holds the lines on mode and transport.
+    /// The launch file of this scene with the law `law`; `how` holds the lines on mode and transport.
     pub fn launch(&self, law: &str, how: &str) -> String {
         let (kind, steps): (_, &[(f64, &str)]) = match (self.vehicle, self.law) {
             (FIGURE_12, "manual") => ("stick", &STICK),

@@ -1,4 +1,4 @@
-//! `whirlstand bench tune`: measures the benefit of a tuning from one record on a vehicle whose truth is
+//! `whirlstand bench tune`: measures the benefit of tuning from one record, on a vehicle whose true model is
 //! known.
 
 mod answer;
@@ -19,14 +19,14 @@ use super::{INTERRUPTED, print, tell, write};
 use crate::cli::{BenchTuneArgs, ModeArg};
 use crate::error::Failure;
 
-/// Runs the command. The exit code is 1 when a goal is missed and 130 when it was interrupted; cells that were
-/// flown by then are kept.
+/// Runs the command. The exit code is 1 when a goal is missed and 130 when the command was interrupted; the
+/// cells flown until then are kept.
 pub(crate) fn bench_tune(args: &BenchTuneArgs) -> Result<ExitCode, Failure> {
     let scenes = wanted(&args.only)?;
     let journal = args.out.join("cells.jsonl");
     let processes = args.processes.map(|mode| Processes { mode, seeds: args.seeds });
     let mut cells = read(&journal)?;
-    // Cells flown in another mode belong to a table of their own.
+    // Cells that were flown in another mode are excluded from this table.
     cells.retain(|cell| cell.processes.as_deref() == args.processes.map(ModeArg::word));
     if !args.table {
         for scene in &scenes {
@@ -60,7 +60,7 @@ fn line(cell: &Cell) -> String {
     format!("{}  {said}  ({:.0} s)\n", cell.cell, cell.wall_s)
 }
 
-/// Reads the cells of an earlier call.
+/// Reads the cells that earlier calls have flown.
 fn read(path: &Path) -> Result<Vec<Cell>, Failure> {
     let text = match std::fs::read_to_string(path) {
         Ok(text) => text,
@@ -79,7 +79,7 @@ fn read(path: &Path) -> Result<Vec<Cell>, Failure> {
     text.lines().enumerate().map(parse).collect()
 }
 
-/// Appends one cell to the file at once.
+/// Appends one cell to the file immediately.
 fn append(path: &PathBuf, cell: &Cell) -> Result<(), Failure> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|e| Failure::file("make the folder", folder, &e))?;

@@ -1,6 +1,7 @@
-//! The flights of a cell over processes: plant, filter, law and recorder are separate nodes on the bus.
+//! The flights of a cell in separate processes: plant, filter, law and recorder are separate nodes on the
+//! bus.
 //!
-//! The flights are judged by their logs, in the same way in lockstep and in real time.
+//! Costs are computed from the logs, in lockstep and in real time alike.
 
 use std::path::{Path, PathBuf};
 
@@ -38,7 +39,7 @@ enum Flown {
 }
 
 impl Processes {
-    /// Lines of the launch files of these flights.
+    /// Lines of the launch file that set the mode of these flights.
     pub fn words(self) -> String {
         format!("mode = '{}'", self.mode.word())
     }
@@ -102,7 +103,7 @@ impl Processes {
     }
 }
 
-/// The launch file with another seed.
+/// The plan of a launch file with another seed.
 fn with_seed(launch: &Path, seed: u64) -> Result<Plan, Failure> {
     let found = find(&launch.display().to_string())?;
     let text = format!("seed = {seed}\n{}", found.document.text());
@@ -143,7 +144,7 @@ fn motion(log: &Path, vehicle: &Vehicle) -> Result<Flight, Failure> {
     let mut flight = Flight::default();
     for m in &truths {
         let later = setpoints.partition_point(|s| s.head.stamp_ns <= m.head.stamp_ns);
-        // Before the first setpoint arrives, the first one holds.
+        // Until the first setpoint arrives, the first one is used.
         let Some(setpoint) = setpoints.get(later.saturating_sub(1)) else { continue };
         flight.take(&m.x[..vehicle.states.len()], &m.u[..vehicle.inputs.len()], setpoint);
     }

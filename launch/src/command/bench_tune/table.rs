@@ -6,34 +6,36 @@ use whirlstand_logs::stats;
 use super::answer::{Answer, Cell, OnTruth, Outcome};
 use super::cells::{Scene, scenes};
 
-/// A cell can gain where the law designed on the truth costs at least 5 % less, with its interval.
+/// Least relative gain of a cell that counts: the upper interval end of the cost ratio designed / before is
+/// below this.
 const TO_GAIN: f64 = 0.95;
 
-/// Goals of the median share and of each share.
+/// Goal of the median share and of each share.
 const LEAST_SHARE: f64 = 0.9;
 
 /// All cells and their statistics.
 #[derive(Debug, Serialize)]
 pub(super) struct Tally {
-    /// `whirlstand.bench-tune.v1`.
+    /// Schema name, `whirlstand.bench-tune.v1`.
     pub schema: &'static str,
     /// Number of cells that can gain.
     pub to_gain: u64,
-    /// Median of the shares of those cells.
+    /// Median of the shares of the cells that can gain.
     pub median_share: Option<f64>,
-    /// Cells among them with a share below the goal.
+    /// Cells that can gain with a share below the goal.
     pub missed: Vec<String>,
-    /// Cells in which the law of `tuned.toml` is worse than the old law, beyond its interval.
+    /// Cells in which the law of `tuned.toml` costs more than the old law, significantly, or loses the
+    /// vehicle more often.
     pub worse: Vec<String>,
-    /// Cells in which the old law loses the vehicle and the law designed on the truth does not.
+    /// Cells in which the old law loses the vehicle and the law designed on the true vehicle does not.
     pub savable: Vec<String>,
-    /// Those of the savable cells in which the law of `tuned.toml` loses the vehicle too.
+    /// Savable cells in which the law of `tuned.toml` loses the vehicle too.
     pub unsaved: Vec<String>,
     /// Cells in which the old law was kept.
     pub kept_old: u64,
     /// Cells that could not be flown.
     pub failed: Vec<String>,
-    /// The cells themselves.
+    /// Results of all cells.
     pub cells: Vec<Cell>,
 }
 
@@ -104,7 +106,7 @@ impl Tally {
             && [&self.worse, &self.unsaved, &self.failed].into_iter().all(Vec::is_empty)
     }
 
-    /// A Markdown table for each law, and the summary.
+    /// A Markdown table for each law, followed by the summary.
     pub fn text(&self) -> String {
         let parts: Vec<Vec<&str>> = self.cells.iter().map(|c| c.cell.split('/').collect()).collect();
         let part = |k: usize| {
@@ -135,7 +137,7 @@ impl Tally {
         text + &self.summary()
     }
 
-    /// The summary of the table, with the causes behind each missed goal.
+    /// The summary of the table, with the named causes of each cell that misses a goal.
     pub fn summary(&self) -> String {
         let share = self.median_share.map_or("none".into(), |share| format!("{share:.2}"));
         let mut text = format!(
@@ -164,7 +166,7 @@ impl Tally {
     }
 }
 
-/// A table entry: cost before, cost after, cost of the law designed on the truth, and the share.
+/// A table entry: cost before, cost after, cost of the law designed on the true vehicle, and the share.
 fn entry(cell: &Cell) -> String {
     let Answer::Flown(o) = &cell.result else { return "not flown".into() };
     let after = if o.kept { cost(&o.after) } else { "kept".into() };
