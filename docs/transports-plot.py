@@ -9,7 +9,7 @@ import math
 import re
 import sys
 
-LEFT, TOP, ROW, WIDTH = 230, 54, 24, 400
+LEFT, TOP, ROW, WIDTH = 280, 54, 24, 400
 LOW_US, HIGH_US = 1.0, 1e5
 KINDS = (("p50", "#2b6cb0"), ("p99", "#b7791f"), ("max", "#c53030"))
 
@@ -70,9 +70,10 @@ def plot(found):
         out.append(f'<path d="M{at(f["p50"]):.1f} {y} H{at(f["max"]):.1f}" stroke="#a0aec0" stroke-width="2"/>')
         out.append(f'<path d="M{period:.1f} {y - 9} V{y + 9}" stroke="#1a202c" stroke-width="2"/>')
         out += [f'<circle cx="{at(f[kind]):.1f}" cy="{y}" r="4" fill="{colour}"/>' for kind, colour in KINDS]
-        change = f'{100 * (f["roll: error"] / exact[rate(f)]["roll: error"] - 1):+.1f} %' if "roll: error" in f else "no figure"
+        change = f'{100 * (f["roll: error"] / exact[rate(f)]["roll: error"] - 1) + 0.0:+.0f} %' if "roll: error" in f else "no figure"
+        change = change.replace("-0 %", "+0 %")
         out.append(f'<text x="{LEFT + WIDTH + 14}" y="{y + 4}" fill="#1a202c">{100 * f["missed"] / f["steps"]:.1f} %</text><text x="{LEFT + WIDTH + 80}" y="{y + 4}" fill="#1a202c">{change}</text>')
-    out.append(f'<text x="{LEFT}" y="{bottom + 36}" fill="#4a5568">A black line is the period: a command that takes longer acts late. The error is compared with that in lockstep.</text></svg>')
+    out.append(f'<text x="10" y="{bottom + 36}" fill="#4a5568">A black line is the period: a command that takes longer acts late. The error is compared with that in lockstep.</text></svg>')
     return "\n".join(out) + "\n"
 
 
