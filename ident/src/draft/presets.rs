@@ -24,7 +24,7 @@ pub const INTEGRALS: [(&str, &str); 3] =
     [("roll", "roll_rate"), ("pitch", "pitch_rate"), ("yaw", "yaw_rate")];
 
 /// Inputs whose path to the vehicle is not linear, by the beginning of their names in a log, and why.
-pub const BENT: [(&str, &str); 1] =
+pub const NONLINEAR_INPUTS: [(&str, &str); 1] =
     [("main.rcCommand", "the pilot's stick before its curve of rates and expo, which no linear model has")];
 
 /// All programs, in the order in which they are tried.

@@ -1,7 +1,7 @@
 //! Proposes which signals of a log are inputs and outputs, by name and by unit.
 
 use super::error::DraftError;
-use super::presets::{BENT, FAMILIES, Family, INTEGRALS, Known};
+use super::presets::{FAMILIES, Family, INTEGRALS, Known, NONLINEAR_INPUTS};
 
 /// A signal in a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -123,8 +123,8 @@ fn known(name: &str, (_, unit): &Known, signal: &Offered, family: &Family) -> Ch
     let stated = signal.unit.as_deref().is_some_and(|u| !u.is_empty());
     let source =
         if stated || unit.is_empty() { signal.name.clone() } else { format!("{}[{unit}]", signal.name) };
-    let bent = BENT.iter().find(|(name, _)| signal.name.starts_with(name));
-    let remark = bent.map_or(String::new(), |(_, why)| format!("; {why}"));
+    let nonlinear = NONLINEAR_INPUTS.iter().find(|(name, _)| signal.name.starts_with(name));
+    let remark = nonlinear.map_or(String::new(), |(_, why)| format!("; {why}"));
     Chosen {
         name: name.into(),
         source,
