@@ -72,6 +72,20 @@ fn a_first_order_axis_is_found_as_one() {
 }
 
 #[test]
+fn an_output_that_stands_still_is_left_out_as_such() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = flight(&dir, FIRST, true);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut lines = text.lines();
+    let mut csv = format!("{},pitch_rate[rad/s]\n", lines.next().unwrap());
+    lines.for_each(|line| csv.push_str(&format!("{line},0\n")));
+    std::fs::write(&path, csv).unwrap();
+    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let left_out: Vec<_> = found.left_out.iter().map(|l| (l.output.as_str(), l.why.as_str())).collect();
+    assert_eq!(left_out, [("pitch_rate", "it does not change")]);
+}
+
+#[test]
 fn a_delay_is_found_with_its_length() {
     let found = drafted(&format!("{FIRST}\n{}", effect("input_delay", "delay_s", 0.05)));
     assert!(found.axes[0].structure.delay && found.axes[0].structure.order == 1, "{}", found.text());
