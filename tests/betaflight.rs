@@ -7,6 +7,7 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::Command;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use support::{HUNG, Running, json, run, spawn};
@@ -15,6 +16,9 @@ use whirlstand_test_harness::{Betaflight, Outcome, betaflight_sitl};
 /// Commands that the manual page prescribes.
 const SETTINGS: [&str; 3] =
     ["aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0", "set acc_calibration = 0,0,0,1"];
+
+/// One at a time, because Betaflight has fixed ports.
+static ONE: Mutex<()> = Mutex::new(());
 
 /// Starts the program in a folder of its own for its settings.
 fn betaflight(program: &Path, folder: &Path) -> Running {
@@ -66,6 +70,7 @@ fn take_priority() {
 
 fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcome {
     let Betaflight { program, flavour } = betaflight_sitl()?;
+    let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     take_priority();
     let dir = tempfile::tempdir().unwrap();
     let autopilot = set_up(&program, dir.path());
@@ -80,14 +85,47 @@ fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcom
     let _autopilot = betaflight(&program, dir.path());
     let out = dir.path().join("out");
     // Deadlines on a busy test machine are not tested here.
-    let ended = run(["run", example, "--out", out.to_str().unwrap(), "--set", &flavour]).success();
-    let outputs = &json(out.join("summary.json"))["runs"][0]["outputs"];
+    let arguments = ["run", example, "--out", out.to_str().unwrap(), "--set", &flavour, "--set", "mirror={}"];
+    let ended = run(arguments).success();
+    let flown = &json(out.join("summary.json"))["runs"][0];
+    let outputs = &flown["outputs"];
     for axis in ["roll", "pitch"] {
         let peak = outputs[axis]["peak"].as_f64().unwrap();
         assert!((0.02..0.53).contains(&peak), "{axis}: {outputs}\n{}", ended.stderr);
         assert_eq!(outputs[axis]["recovered"], true, "{axis}: {outputs}\n{}", ended.stderr);
     }
+    assert_eq!(flown["findings"].as_array().map_or(0, Vec::len), 0, "{}", ended.stderr);
     Ok(())
 }
 
-whirlstand_test_harness::tests!(betaflight_follows_each_axis_and_holds_the_attitude_against_gusts);
+/// A third of the roll motors' authority is lost before the first gust, and the mirror says so while Betaflight flies.
+fn the_mirror_names_what_a_vehicle_under_betaflight_has_lost() -> Outcome {
+    let Betaflight { program, flavour } = betaflight_sitl()?;
+    let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+    take_priority();
+    let dir = tempfile::tempdir().unwrap();
+    let _autopilot = set_up(&program, dir.path());
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight");
+    let text = std::fs::read_to_string(example.join("flight.toml")).unwrap();
+    let weak = "[[effects]]\neffect = \"input_gain\"\nwhere = \"u_roll\"\nfactor = 0.67\nfrom_s = 5.0\n\n[mirror]\n";
+    std::fs::copy(example.join("agile.toml"), dir.path().join("agile.toml")).unwrap();
+    let file = dir.path().join("weak.toml");
+    std::fs::write(&file, text.replace("[expect]", &format!("{weak}\n[expect]"))).unwrap();
+    let mut bench = Command::new(env!("CARGO_BIN_EXE_whirlstand"));
+    bench.args(["run", file.to_str().unwrap(), "--out", dir.path().join("out").to_str().unwrap()]);
+    bench.args(["--set", &format!("bridge.betaflight.flavour={flavour}"), "--set", "duration_s=60.0"]);
+    let mut bench = spawn(bench);
+    let cause = "input_gain on u_roll: factor ";
+    let line = bench.wait_for_stderr(cause);
+    bench.signal(libc::SIGINT);
+    bench.finish();
+    let factor: f64 = line.split(cause).nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!((0.6..0.74).contains(&factor), "{line}");
+    println!("{line}");
+    Ok(())
+}
+
+whirlstand_test_harness::tests!(
+    betaflight_follows_each_axis_and_holds_the_attitude_against_gusts,
+    the_mirror_names_what_a_vehicle_under_betaflight_has_lost
+);

@@ -283,3 +283,32 @@ fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() {
         what_the_controller_flew_alone_is_learned_from(out, &vehicle, &structure);
     });
 }
+
+/// The mirror holds the vehicle's file against a vehicle behind CRSF, of which only the attitude is told: half of the
+/// roll command is lost in flight, and nothing else is.
+#[test]
+fn the_mirror_names_what_a_vehicle_behind_crsf_has_lost() {
+    undisturbed(|| {
+        let place = Place::new();
+        let vehicle = place.vehicle_file("quadrotor", "");
+        let more = format!("[mirror]\n{}", setpoints());
+        let launch = place.launch_of(&vehicle, "stale_s = 1.0", &more);
+        let phases = value!([
+            ["disarmed", {"arm": false, "automatic": true}],
+            ["flown", {"arm": null, "automatic": true, "frames": 2500}],
+            ["flown", {"arm": true, "automatic": true, "effective": 0.5, "frames": 9000}],
+        ]);
+        let _radio = spawn(place.flying(&phases, &value!({"every": 2, "late": 1, "noise": 1e-3})));
+        let out = place.dir.path().join("out");
+        let mut bench = spawn(whirlstand(["run", &launch, "--out", out.to_str().unwrap()]));
+        let cause = "input_gain on u_roll: factor ";
+        let line = bench.wait_for_stderr(cause);
+        bench.signal(libc::SIGINT);
+        let ended = bench.finish();
+        let factor: f64 = line.split(cause).nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!((0.4..0.6).contains(&factor), "{line}");
+        let findings = &json(out.join("summary.json"))["runs"][0]["findings"];
+        println!("{findings}");
+        assert!(findings[0]["at_s"].as_f64().unwrap() > 20.0, "{findings}\n{}", ended.stderr);
+    });
+}

@@ -46,6 +46,8 @@ pub struct Alarm {
     pub change: Change,
     /// First step after the sum was last zero: the most likely onset of the change.
     pub since: u64,
+    /// Log-likelihood ratio of the change against no change.
+    pub evidence: f64,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -90,13 +92,15 @@ impl Bank {
             spread: variance_threshold(each),
             // The alternative hypothesis is that half of the values repeat; the null hypothesis is the share
             // without a change.
-            repeats: repeats
-                .iter()
-                .map(|p| ((0.5 / p.max(1e-12)).ln().min(LARGEST_REPEAT), (0.5 / (1.0 - p.min(0.999))).ln()))
-                .collect(),
+            repeats: repeats.iter().map(|p| repeat_ratios(*p)).collect(),
             last: vec![f64::NAN; count],
             tones: Tones::new(count, variance_threshold(each)),
         }
+    }
+
+    /// Tests this output no longer for repeated values, because it is rounded.
+    pub fn expect_repeats(&mut self, output: usize) {
+        self.repeats[output] = repeat_ratios(1.0);
     }
 
     /// Resets all tests at a step.
@@ -117,7 +121,7 @@ impl Bank {
             let mut note = |sum: Sum, threshold: f64, change: Change| {
                 let beyond = sum.value / threshold;
                 if worst.is_none_or(|(most, _)| beyond > most) {
-                    worst = Some((beyond, Alarm { output, change, since: sum.since }));
+                    worst = Some((beyond, Alarm { output, change, since: sum.since, evidence: sum.value }));
                 }
             };
             for (k, (&size, &threshold)) in MEANS.iter().zip(&self.means).enumerate() {
@@ -144,10 +148,17 @@ impl Bank {
         if let Some((beyond, output, since)) = self.tones.step(step, whitened)
             && worst.is_none_or(|(most, _)| beyond > most)
         {
-            worst = Some((beyond, Alarm { output, change: Change::Tone, since }));
+            let evidence = beyond * self.spread;
+            worst = Some((beyond, Alarm { output, change: Change::Tone, since, evidence }));
         }
         worst.map(|(_, alarm)| alarm)
     }
+}
+
+/// Log-likelihood ratios for a repeated value and for a new one, where values repeat with probability `p`
+/// without a change.
+fn repeat_ratios(p: f64) -> (f64, f64) {
+    ((0.5 / p.max(1e-12)).ln().min(LARGEST_REPEAT), (0.5 / (1.0 - p.min(0.999))).ln())
 }
 
 #[cfg(test)]

@@ -115,7 +115,7 @@ impl Capture {
         self.part(step, 6)
     }
 
-    /// The filter gains of a step, where they change at every step.
+    /// The filter gains of a step.
     pub fn gains(&self, step: u64) -> &[f64] {
         self.part(step, 5)
     }

@@ -52,17 +52,18 @@ pub fn all(known: &Knowledge, like: &Predictor, capture: &Capture, from: u64, to
     found
 }
 
-/// Whether the bank has no alarm left once this change is removed from the innovations.
-pub fn explains(
+/// Log-likelihood ratio of the clearest change that the bank still detects once this one is removed from the
+/// innovations; 0 without one.
+pub fn left(
     known: &Knowledge,
     capture: &Capture,
     excess: &Excess,
     from: u64,
     to: u64,
     mut bank: Bank,
-) -> bool {
+) -> f64 {
     let effect = &excess.effect;
-    let Some(output) = known.vehicle.output_index(effect.place()) else { return false };
+    let Some(output) = known.vehicle.output_index(effect.place()) else { return f64::INFINITY };
     let get = |name: &str| effect.parameter(name).unwrap_or(0.0);
     let sigma = known.noise[output];
     let scale = 1.0 / (1.0 + (get("std") / sigma).powi(2)).sqrt();
@@ -77,7 +78,7 @@ pub fn explains(
     bank.restart(from);
     let mut rest = vec![0.0; known.noise.len()];
     let mut values = rest.clone();
-    (from..to).all(|step| {
+    let detected = (from..to).filter_map(|step| {
         let sample = capture.sample(step);
         rest.copy_from_slice(capture.whitened(step));
         values.copy_from_slice(sample.y);
@@ -93,8 +94,9 @@ pub fn explains(
         if repeats {
             rest.fill(0.0);
         }
-        bank.step(step, &rest, &values, fresh).is_none()
-    })
+        bank.step(step, &rest, &values, fresh)
+    });
+    detected.map(|alarm| alarm.evidence).fold(0.0, f64::max)
 }
 
 /// Additional noise beyond the declared noise, estimated from the variance of the innovations.
@@ -251,19 +253,19 @@ fn not_measured(
 
 /// Probability, for each output, that a value equals the one before without any change: two rounded values
 /// with different noise are equal with probability q / (2 sigma sqrt(pi)) for the quantization step q. A
-/// sensor without noise may be constant at any time.
+/// sensor without noise may be constant at any time, and so may values that a link [rounds](crate::rounding).
 pub fn anyway(known: &Knowledge) -> Vec<f64> {
     let vehicle = &known.vehicle;
-    let of = |o: &whirlstand_vehicle::Output| {
+    let of = |(o, rounded): (&whirlstand_vehicle::Output, &bool)| {
         let at = |kind: Kind| vehicle.effects.iter().filter(move |e| e.kind() == kind && e.place() == o.name);
         let steps = at(Kind::Quantization).filter_map(|e| e.parameter("step"));
         let step = steps.fold(o.quantization, f64::max);
         let dropped: f64 = at(Kind::Dropouts).filter_map(|e| e.parameter("fraction")).sum();
         let limited = at(Kind::OutputSaturation).next().is_some();
-        if o.noise <= 0.0 || limited {
+        if o.noise <= 0.0 || limited || *rounded {
             return 1.0;
         }
         (step / (2.0 * o.noise * std::f64::consts::PI.sqrt()) + dropped).min(1.0)
     };
-    vehicle.outputs.iter().map(of).collect()
+    vehicle.outputs.iter().zip(&known.rounded).map(of).collect()
 }

@@ -54,6 +54,8 @@ pub struct Knowledge {
     pub noise: Vec<f64>,
     /// Typical magnitudes of the states.
     pub scales: Vec<f64>,
+    /// Whether the values of each output have turned out to be rounded.
+    pub rounded: Vec<bool>,
 }
 
 impl Knowledge {
@@ -85,6 +87,7 @@ impl Knowledge {
                 .map(|(o, added)| o.sensor_std(Engine::Off, *added + spread(&o.name)).max(LEAST_NOISE))
                 .collect(),
             scales: plant.scales()[..vehicle.states.len()].to_vec(),
+            rounded: vec![false; count],
         })
     }
 

@@ -22,6 +22,7 @@ mod lateness;
 mod mirror;
 mod predictor;
 mod replay;
+mod rounding;
 mod run_length;
 mod search;
 mod tones;

@@ -11,6 +11,7 @@ use crate::known::Knowledge;
 use crate::lateness::{HeldInputs, Lateness};
 use crate::predictor::{Predictor, Sample};
 use crate::replay::{Belief, predictor};
+use crate::rounding::Rounding;
 use crate::search::Search;
 use crate::verdict::Answer;
 
@@ -64,9 +65,9 @@ const SHARPER: f64 = 3.0;
 struct Open {
     number: u64,
     output: usize,
-    /// Onset (`since`) and time of the alarm, in steps.
     since: u64,
-    alarmed: u64,
+    /// Number of steps from onset to alarm.
+    took: u64,
     last_alarm: u64,
     search: Option<Search>,
     next_look: u64,
@@ -81,6 +82,8 @@ pub struct Mirror {
     /// Delay line for the inputs of a real vehicle.
     held: Option<HeldInputs>,
     bank: Bank,
+    /// Whether the outputs of a real vehicle are rounded.
+    rounding: Vec<Rounding>,
     capture: Capture,
     budget: usize,
     /// Mean number of steps between false alarms.
@@ -109,6 +112,7 @@ impl Mirror {
             bank: Bank::new(&excess::anyway(&known), run_length),
             capture: Capture::new(capacity, p, m, &predictor),
             new: predictor.clone(),
+            rounding: vec![Rounding::default(); if known.real { p } else { 0 }],
             held: known.real.then(|| HeldInputs::new(m, period_s)),
             predictor,
             budget: options.budget,
@@ -177,6 +181,7 @@ impl Mirror {
             self.begin(sample.step);
         }
         self.next = sample.step + 1;
+        self.notice_rounding(sample);
         let kept = self.capture.push(sample, &self.predictor);
         self.predictor.step(sample);
         if kept {
@@ -198,6 +203,19 @@ impl Mirror {
             }
         }
         self.pursue(sample.step)
+    }
+
+    fn notice_rounding(&mut self, sample: &Sample<'_>) {
+        for (output, rounding) in self.rounding.iter_mut().enumerate() {
+            let rounded = &mut self.known.rounded[output];
+            if *rounded || sample.fresh >> output & 1 == 0 {
+                continue;
+            }
+            *rounded = rounding.is_rounded(sample.y[output], self.known.noise[output]);
+            if *rounded {
+                self.bank.expect_repeats(output);
+            }
+        }
     }
 
     /// Log-likelihood ratio of an effect with onset at `since`, for each step since then. `None` when the vehicle
@@ -223,14 +241,16 @@ impl Mirror {
         }
         self.predictor.simulator().begin_at(step);
         let settling = (SETTLING * self.known.fastest_s / self.known.period_s) as u64;
-        self.settled = Some(step + settling.max(16));
+        let settled = step + settling.max(16);
+        self.settled = Some(settled);
         self.bank.restart(step);
         self.capture.restart(step);
         if let Some(open) = &mut self.open {
             // The captured steps are lost; later steps show whether the change persists.
             open.search = None;
-            (open.alarmed, open.since, open.last_alarm) = (step, step, step);
-            open.next_look = step + (FIRST_LOOK_S / self.known.period_s) as u64;
+            self.capture.hold(step);
+            (open.since, open.last_alarm) = (step, settled);
+            open.next_look = settled + (FIRST_LOOK_S / self.known.period_s) as u64;
         }
     }
 
@@ -246,7 +266,7 @@ impl Mirror {
             number: self.changes,
             output,
             since,
-            alarmed: step,
+            took: step - since,
             last_alarm: step,
             search: None,
             next_look: step.max(since + self.steps(FIRST_LOOK_S)),
@@ -258,8 +278,7 @@ impl Mirror {
     /// Continues the search for the cause of a change, and checks whether the change has ended.
     fn pursue(&mut self, step: u64) -> Option<Finding> {
         let open = self.open.as_mut()?;
-        let took = open.alarmed - open.since;
-        let silence = (SILENCE.0 * took as f64) as u64 + (SILENCE.1 / self.known.period_s) as u64;
+        let silence = (SILENCE.0 * open.took as f64) as u64 + (SILENCE.1 / self.known.period_s) as u64;
         if step > open.last_alarm + silence {
             let (number, since, output) = (open.number, open.since, open.output);
             self.open = None;
@@ -281,7 +300,14 @@ impl Mirror {
             }
             match &mut open.search {
                 Some(search) if end > search.end() => search.again(&self.known, &self.capture, end),
-                Some(_) => return None,
+                // All stored data have been searched. Without a cause the search begins again with later data, since
+                // something that passes, such as a stalled link, may have hidden the cause in these.
+                Some(_) => {
+                    if open.said.is_none() {
+                        self.restart();
+                    }
+                    return None;
+                }
                 None => {
                     open.search =
                         Some(Search::new(&self.known, &self.capture, open.since, end, self.run_length));

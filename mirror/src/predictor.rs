@@ -69,8 +69,9 @@ impl Predictor {
         self.step_by(sample, &[]);
     }
 
-    /// As [`Self::step`], but with the gains of another predictor at the same step, unless `gains` is empty.
-    /// Gains for a real vehicle change at every step, and their computation costs more than all the rest.
+    /// As [`Self::step`], but with the gains of another predictor at the same step, unless `gains` is empty. At the
+    /// same step the state is then known equally well under each hypothesis, also shortly after the begin; and for a
+    /// real vehicle, whose gains change at every step, their computation costs more than all the rest.
     pub(crate) fn step_by(&mut self, sample: &Sample<'_>, gains: &[f64]) {
         self.simulator.apply(sample.u);
         let expected = match &mut self.lateness {
@@ -85,7 +86,10 @@ impl Predictor {
         }
         match &mut self.lateness {
             None => {
-                self.filter.step(&self.residual, sample.fresh, &[0.0], &[0.0]);
+                match gains {
+                    [] => self.filter.step(&self.residual, sample.fresh, &[0.0], &[0.0]),
+                    gains => self.filter.step_by(&self.residual, sample.fresh, gains),
+                }
                 self.errors.copy_from_slice(self.filter.x());
             }
             Some(lateness) => {
@@ -108,14 +112,12 @@ impl Predictor {
 
     /// Number of values that [`Self::write_gains`] writes.
     pub(crate) fn gains_len(&self) -> usize {
-        if self.lateness.is_some() { self.filter.gains_len() } else { 0 }
+        self.filter.gains_len()
     }
 
-    /// Writes the gains of the last step, if they change at every step.
+    /// Writes the gains of the last step.
     pub(crate) fn write_gains(&self, to: &mut [f64]) {
-        if self.lateness.is_some() {
-            self.filter.write_gains(to);
-        }
+        self.filter.write_gains(to);
     }
 
     /// Predicted states at the next step, SI.

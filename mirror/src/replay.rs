@@ -134,8 +134,8 @@ pub struct Trial {
     samples: u64,
     /// Tests for a change that remains with the effect.
     check: Option<Bank>,
-    /// Whether a change remains unexplained.
-    pub unexplained: bool,
+    /// Log-likelihood ratio of the clearest change that remains; 0 without one.
+    pub left: f64,
 }
 
 impl Trial {
@@ -159,7 +159,7 @@ impl Trial {
             curvature: DMatrix::zeros(count, count),
             samples: 0,
             check,
-            unexplained: false,
+            left: 0.0,
         }
     }
 
@@ -195,7 +195,8 @@ impl Trial {
             }
             self.samples += u64::from(sample.fresh.count_ones());
             if let Some(bank) = &mut self.check {
-                self.unexplained |= bank.step(self.step, e, sample.y, sample.fresh).is_some();
+                let alarm = bank.step(self.step, e, sample.y, sample.fresh);
+                self.left = alarm.map_or(self.left, |alarm| self.left.max(alarm.evidence));
             }
             self.step += 1;
         }

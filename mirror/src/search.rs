@@ -292,7 +292,7 @@ impl Search {
                 score,
                 evidence,
                 spread: trial.spread(),
-                unexplained: trial.unexplained,
+                left: trial.left,
                 settled: false,
             });
         } else if let Some(from) = job.from.as_ref().filter(|_| job.left > 0) {
@@ -303,7 +303,7 @@ impl Search {
         } else if job.purpose == Purpose::Conclude
             && let Some(best) = best.as_mut().filter(|b| b.values == job.values && b.since == job.since)
         {
-            best.unexplained = trial.unexplained;
+            best.left = trial.left;
             best.spread = trial.spread();
         }
         let newton = trial.newton().filter(|(_, gain)| *gain >= 0.05);
@@ -360,6 +360,7 @@ impl Search {
                     bank: Bank::new(&self.repeats, self.steps),
                     since: self.since,
                     end: self.end,
+                    is_last: capture.is_full() && self.end == capture.next(),
                 };
                 return Some(standing.answer(known, like, capture));
             }
@@ -392,6 +393,6 @@ impl Search {
     /// Whether the likeliest candidate leaves a change that the tests detect.
     fn is_left(&self) -> bool {
         let first = ranking(&self.fits).first().and_then(|i| self.fits[*i].as_ref());
-        first.is_some_and(|fit| fit.unexplained)
+        first.is_some_and(|fit| fit.left > 0.0)
     }
 }

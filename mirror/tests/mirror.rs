@@ -98,6 +98,29 @@ fn a_gap_in_the_measurements_is_no_change() {
 }
 
 #[test]
+fn a_cause_is_named_although_the_data_after_its_onset_say_more_than_one_thing() {
+    let vehicle = Vehicle::builtin("quadrotor").unwrap();
+    let effect = Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.7)]).unwrap();
+    let mut flight = Flight::new(&vehicle, PERIOD_S, 7, Some((&effect, 2000)));
+    let mut mirror = mirror(&vehicle);
+    let mut findings = Vec::new();
+    for step in 0..12_000u64 {
+        flight.fly();
+        // Something passes that no single effect of the table explains: a gyroscope that is wrong to and fro.
+        if (2050..2100).contains(&step) {
+            flight.y[3] += [0.2, -0.3, 0.5, -0.1, 0.4][step as usize % 5];
+            flight.y[0] -= [0.01, 0.0, 0.03][step as usize % 3];
+        }
+        findings.extend(mirror.observe(&flight.sample()));
+    }
+    let cause = findings.iter().rev().find_map(|f| f.cause.as_ref());
+    let cause = cause.unwrap_or_else(|| panic!("no name: {findings:#?}"));
+    assert_eq!((cause.effect.kind(), cause.effect.place()), (Kind::InputGain, "u_roll"), "{findings:#?}");
+    assert!((cause.values[0].value - 0.7).abs() < 0.02, "{:?}", cause.values);
+    assert!(findings.iter().all(|f| f.number == 1), "{findings:#?}");
+}
+
+#[test]
 fn what_is_over_is_told_and_nothing_is_allocated_while_nothing_changes() {
     let vehicle = Vehicle::builtin("quadrotor").unwrap();
     let mut flight = Flight::new(&vehicle, PERIOD_S, 9, None);

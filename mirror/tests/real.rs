@@ -13,10 +13,10 @@ const PERIOD_S: f64 = 0.01;
 
 /// Clocks that agree and clocks that do not, a prompt link and one that takes a few periods.
 const LINKS: [Link; 4] = [
-    Link { drift: 0.0, latency: 0.1, jitter: 0.1 },
-    Link { drift: 1e-4, latency: 0.1, jitter: 0.3 },
-    Link { drift: -1e-4, latency: 0.5, jitter: 1.0 },
-    Link { drift: 3e-5, latency: 2.0, jitter: 0.5 },
+    Link { drift: 0.0, latency: 0.1, jitter: 0.1, rounding: 0.0 },
+    Link { drift: 1e-4, latency: 0.1, jitter: 0.3, rounding: 0.0 },
+    Link { drift: -1e-4, latency: 0.5, jitter: 1.0, rounding: 0.0 },
+    Link { drift: 3e-5, latency: 2.0, jitter: 0.5, rounding: 0.0 },
 ];
 
 fn fly(
@@ -49,11 +49,22 @@ fn clocks_and_links_are_no_change_of_the_vehicle() {
 }
 
 #[test]
+fn a_link_that_rounds_is_no_change_of_the_vehicle() {
+    let vehicle = Vehicle::builtin("quadrotor").unwrap();
+    // That of CRSF is a tenth of the noise of a good attitude, that of other telemetry is larger than the noise.
+    for (seed, rounding) in [(21, 0.1), (22, 1.0)] {
+        let link = Link { drift: 3e-5, latency: 0.1, jitter: 0.1, rounding };
+        let findings = fly(&vehicle, seed, 300.0, None, link);
+        assert!(findings.is_empty(), "{link:?}: {findings:?}");
+    }
+}
+
+#[test]
 fn what_changes_at_the_end_of_a_link_is_named() {
     let vehicle = Vehicle::builtin("quadrotor").unwrap();
     let rate = vehicle.outputs[vehicle.output_index("roll_rate").unwrap()].noise;
     let (mut named, mut wrong) = (0, 0);
-    for (seed, link) in (31..).zip(LINKS).take(2) {
+    for (seed, link) in (31..).zip(LINKS) {
         for (kind, place, parameter, value) in [
             (Kind::InputGain, "u_roll", "factor", 0.6),
             (Kind::InputDelay, "u_pitch", "delay_s", 0.1),
@@ -62,12 +73,12 @@ fn what_changes_at_the_end_of_a_link_is_named() {
         ] {
             let effect = Effect::new(kind, place, &[(parameter, value)]).unwrap();
             let onset = 2000;
-            let findings = fly(&vehicle, seed, 45.0, Some((&effect, onset)), link);
+            let findings = fly(&vehicle, seed, 90.0, Some((&effect, onset)), link);
             let first = findings.first().unwrap_or_else(|| panic!("{link:?}: {kind} was not found"));
             assert!(first.stage == Stage::Wrong && first.step >= onset, "{link:?}: {findings:#?}");
             let last = findings.iter().rfind(|f| f.stage != Stage::Over).and_then(|f| f.cause.as_ref());
             let right = last.map(|c| (c.effect.kind(), c.effect.place()) == (kind, place));
-            println!(
+            println!("{:?}", findings.iter().map(|f| (f.step, f.stage, f.cause.as_ref().map(|c| c.effect.kind()))).collect::<Vec<_>>()); println!(
                 "{link:?}, {kind} on {place}: {right:?} {:?}",
                 last.map(|c| (c.effect.kind(), c.values[0].value))
             );
@@ -80,5 +91,5 @@ fn what_changes_at_the_end_of_a_link_is_named() {
             }
         }
     }
-    assert!(named >= 7 && wrong == 0, "{named} of 8 have their name, {wrong} another");
+    assert!(named >= 70 && wrong == 0, "{named} of 8 have their name, {wrong} another");
 }

@@ -6,12 +6,14 @@ receiver is the pilot. SCRIPT is JSON: [["automatic", {"arm": true, "automatic":
 true, "roll": 1500}], ...]: the sticks, and what the channels must come to before the next phase; with "arm": null the
 switch goes off and on until they do. "by hand" instead of a script: somebody turns the vehicle as standard input asks, and
 tells roll with the wrong sign. VEHICLE is JSON: {"every": 10, "late": 10}: a vehicle flies by the channels instead of a wave, and its
-attitude is told every so many periods, and as it was so many periods ago; with "turned" it rolls left as channel 1 goes up. Strict: what the layouts do not allow is listed under `faults`.
+attitude is told every so many periods, and as it was so many periods ago, with "noise" (standard deviation, rad); with "turned" it
+rolls left as channel 1 goes up. Strict: what the layouts do not allow is listed under `faults`.
 """
 
 import json
 import math
 import os
+import random
 import select
 import signal
 import struct
@@ -153,20 +155,23 @@ class Vehicle:
     B = [[0, 0], [-1.1045, 0], [0, 0], [-4.5267, -14.4146]]
     PARTS = 10
 
-    def __init__(self, every, late, turned=False):
+    def __init__(self, every, late, turned=False, noise=0.0):
         self.every, self.late = every, late
         self.roll_sign = -1 if turned else 1
+        self.noise, self.random = noise, random.Random(1)
         self.x, self.past, self.periods = [0.0] * 4, [], 0
 
-    def step(self, channels, push):
-        """One period; `push` is somebody's hand on it, an angular acceleration about roll in deg/s^2."""
+    def step(self, channels, push, effective):
+        """One period; `push` is somebody's hand on it, an angular acceleration about roll in deg/s^2, and `effective` the
+        share of the roll command that acts."""
         u = [-20.0 * (us - 1500) / 500 for us in (channels[:2] if channels else (1500, 1500))]
-        u[0] *= self.roll_sign
+        u[0] *= self.roll_sign * effective
         for _ in range(self.PARTS):
             dx = [sum(a * x for a, x in zip(row, self.x)) + sum(b * v for b, v in zip(b_row, u)) for row, b_row in zip(self.A, self.B)]
             dx[1] += push
             self.x = [x + d * PERIOD / self.PARTS for x, d in zip(self.x, dx)]
-        self.past = [*self.past, (math.radians(self.x[0]), math.radians(self.x[2]), 0.0)][-self.late - 1 :]
+        roll, pitch = (math.radians(self.x[i]) + self.random.gauss(0.0, self.noise) for i in (0, 2))
+        self.past = [*self.past, (roll, pitch, 0.0)][-self.late - 1 :]
         self.periods += 1
 
     def told(self):
@@ -194,7 +199,7 @@ class Radio:
                 self.module.take(os.read(self.module_fd, 4096))
         self.due = max(self.due + PERIOD, time.monotonic())
         if self.vehicle:
-            self.vehicle.step(self.module.channels, sticks.get("push", 0.0))
+            self.vehicle.step(self.module.channels, sticks.get("push", 0.0), sticks.get("effective", 1.0))
             angles = self.vehicle.told()
         if sticks.get("telemetry", True) and angles:
             roll, pitch, yaw = angles

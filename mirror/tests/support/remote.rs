@@ -29,6 +29,8 @@ pub struct Link {
     /// Time of a message each way, in periods, and the largest that a single one takes beyond it.
     pub latency: f64,
     pub jitter: f64,
+    /// Step to which each output is rounded, relative to its noise.
+    pub rounding: f64,
 }
 
 /// A flight over a link under LQR with a setpoint that moves at random. A command is sent as soon as it is known.
@@ -45,6 +47,8 @@ pub struct Remote {
     /// Steps of the bench, and fine steps of the vehicle.
     pub step: u64,
     fine: u64,
+    /// Step to which each output is rounded.
+    quanta: Vec<f64>,
     /// Messages on their way.
     commands: VecDeque<Message>,
     measurements: VecDeque<Message>,
@@ -87,6 +91,7 @@ impl Remote {
             next_setpoint: 0,
             step: 0,
             fine: 0,
+            quanta: vehicle.outputs.iter().map(|o| link.rounding * o.noise).collect(),
             commands: VecDeque::new(),
             measurements: VecDeque::new(),
             acting: neutral.clone(),
@@ -113,7 +118,10 @@ impl Remote {
                 self.acting = command;
             }
             self.simulator.apply(&self.acting);
-            let y = self.simulator.measure().to_vec();
+            let mut y = self.simulator.measure().to_vec();
+            for (y, quantum) in y.iter_mut().zip(&self.quanta).filter(|(_, quantum)| **quantum > 0.0) {
+                *y = (*y / quantum).round() * quantum;
+            }
             if self.fine.is_multiple_of(FINE) {
                 let last = self.measurements.back().map(|(arrival, _)| *arrival);
                 let arrival = self.arrival(at, last);
