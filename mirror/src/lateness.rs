@@ -109,6 +109,13 @@ impl Lateness {
         self.estimator.begin(std_s);
     }
 
+    /// Restarts with an age and its standard deviation, s, and holds it.
+    pub fn hold(&mut self, age: [f64; 2]) {
+        self.age_s = age[0];
+        self.estimator.begin(age[1]);
+        self.estimator.hold();
+    }
+
     /// Restarts with the age known to `other`, for inputs that are held back by `more` additional periods.
     pub fn know(&mut self, other: &Self, more: f64) {
         let [age_s, std_s] = other.age();

@@ -78,6 +78,10 @@ struct Open {
 pub struct Mirror {
     known: Knowledge,
     predictor: Predictor,
+    /// While a change of a real vehicle is open: the predictor that holds the age of the measurements from before
+    /// the change. The other one takes the errors of a changed vehicle for those of an age, which shows whether
+    /// the link alone has changed, but is no start for a search.
+    holding: Option<Predictor>,
     new: Predictor,
     /// Delay line for the inputs of a real vehicle.
     held: Option<HeldInputs>,
@@ -112,6 +116,7 @@ impl Mirror {
             bank: Bank::new(&excess::anyway(&known), run_length),
             capture: Capture::new(capacity, p, m, &predictor),
             new: predictor.clone(),
+            holding: None,
             rounding: vec![Rounding::default(); if known.real { p } else { 0 }],
             held: known.real.then(|| HeldInputs::new(m, period_s)),
             predictor,
@@ -146,6 +151,7 @@ impl Mirror {
     /// additional periods.
     fn renew(&mut self, more: f64) {
         let before = std::mem::replace(&mut self.predictor, self.new.clone());
+        let before = self.holding.take().unwrap_or(before);
         self.predictor.know_age(&before, more);
     }
 
@@ -182,10 +188,13 @@ impl Mirror {
         }
         self.next = sample.step + 1;
         self.notice_rounding(sample);
-        let kept = self.capture.push(sample, &self.predictor);
+        let kept = self.capture.push(sample, self.holding.as_ref().unwrap_or(&self.predictor));
         self.predictor.step(sample);
+        if let Some(holding) = &mut self.holding {
+            holding.step(sample);
+        }
         if kept {
-            self.capture.complete(&self.predictor);
+            self.capture.complete(self.holding.as_ref().unwrap_or(&self.predictor));
         }
         if self.settled.is_none_or(|from| sample.step < from) {
             return None;
@@ -248,6 +257,7 @@ impl Mirror {
         if let Some(open) = &mut self.open {
             // The captured steps are lost; later steps show whether the change persists.
             open.search = None;
+            self.holding = self.predictor.lateness().map(Lateness::age).and_then(|a| self.predictor.holding(a));
             self.capture.hold(step);
             (open.since, open.last_alarm) = (step, settled);
             open.next_look = settled + (FIRST_LOOK_S / self.known.period_s) as u64;
@@ -262,6 +272,7 @@ impl Mirror {
         self.changes += 1;
         let since = since.max(self.capture.first() + 1).min(step);
         self.capture.hold(since.saturating_sub(self.steps(KEPT_S)));
+        self.holding = self.predictor.holding(self.capture.age(since));
         self.open = Some(Open {
             number: self.changes,
             output,
@@ -282,6 +293,7 @@ impl Mirror {
         if step > open.last_alarm + silence {
             let (number, since, output) = (open.number, open.since, open.output);
             self.open = None;
+            self.holding = None;
             self.capture.restart(step + 1);
             return Some(Finding {
                 number,
@@ -316,7 +328,8 @@ impl Mirror {
             open.next_look = end;
         }
         let search = open.search.as_mut()?;
-        let answer = search.work(&self.known, &self.predictor, &self.capture, self.budget)?;
+        let like = self.holding.as_ref().unwrap_or(&self.predictor);
+        let answer = search.work(&self.known, like, &self.capture, self.budget)?;
         let seen = search.end() - open.since;
         open.next_look = step.max(search.end() + (GROWTH * seen as f64) as u64);
         let finding = |stage, since, evidence, cause| Finding {

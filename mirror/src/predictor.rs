@@ -138,6 +138,14 @@ impl Predictor {
         }
     }
 
+    /// A copy that holds an age of the measurements, given with its standard deviation, s; `None` for a
+    /// simulation.
+    pub(crate) fn holding(&self, age: [f64; 2]) -> Option<Self> {
+        let mut other = self.clone();
+        other.lateness.as_mut()?.hold(age);
+        Some(other)
+    }
+
     /// The age of the measurements of a real vehicle.
     pub(crate) fn lateness(&self) -> Option<&Lateness> {
         self.lateness.as_ref()

@@ -17,6 +17,8 @@ pub struct MeasurementAge {
     /// Variance of the age, s^2, and (`walk`) its increase per step.
     variance: f64,
     walk: f64,
+    /// Whether the age is held as it is.
+    held: bool,
     /// Friedland's response V: the error of the filter's state per second of age.
     response: Vec<Block>,
     scratch: Vec<Block>,
@@ -44,6 +46,7 @@ impl MeasurementAge {
         Self {
             variance: spread.initial_s.powi(2),
             walk: spread.per_second_s.powi(2) * period_s,
+            held: false,
             response: of(n),
             scratch: of(n),
             sensitivity: of(p),
@@ -79,6 +82,10 @@ impl MeasurementAge {
 
     /// Updates the age estimate sequentially with the whitened innovations; returns the change of the age.
     fn update(&mut self, innovations: &[f64]) -> f64 {
+        if self.held {
+            self.whitened.iter_mut().zip(innovations).for_each(|(own, e)| *own = *e);
+            return 0.0;
+        }
         let (mut age, mut p) = (0.0, self.variance + self.walk);
         for ((w, s), white) in innovations.iter().zip(self.white.as_flattened()).zip(&mut self.whitened) {
             let variance = 1.0 + s * s * p;
@@ -93,8 +100,14 @@ impl MeasurementAge {
 
     /// Restarts with a standard deviation of the age, s, for a filter whose state does not depend on the age.
     pub fn begin(&mut self, std_s: f64) {
+        self.held = false;
         self.variance = std_s * std_s;
         self.response.fill([0.0; 4]);
+    }
+
+    /// Holds the age as it is until [`Self::begin`]: innovations of a changed vehicle say nothing about it.
+    pub fn hold(&mut self) {
+        self.held = true;
     }
 
     /// Change of the filter's state that corresponds to the last change of the age.
