@@ -107,7 +107,8 @@ fn the_mirror_names_what_a_vehicle_under_betaflight_has_lost() -> Outcome {
     let _autopilot = set_up(&program, dir.path());
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight");
     let text = std::fs::read_to_string(example.join("flight.toml")).unwrap();
-    let weak = "[[effects]]\neffect = \"input_gain\"\nwhere = \"u_roll\"\nfactor = 0.67\nfrom_s = 5.0\n\n[mirror]\n";
+    let weak =
+        "[[effects]]\neffect = \"input_gain\"\nwhere = \"u_roll\"\nfactor = 0.67\nfrom_s = 5.0\n\n[mirror]\n";
     std::fs::copy(example.join("agile.toml"), dir.path().join("agile.toml")).unwrap();
     let file = dir.path().join("weak.toml");
     std::fs::write(&file, text.replace("[expect]", &format!("{weak}\n[expect]"))).unwrap();

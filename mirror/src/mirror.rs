@@ -257,7 +257,8 @@ impl Mirror {
         if let Some(open) = &mut self.open {
             // The captured steps are lost; later steps show whether the change persists.
             open.search = None;
-            self.holding = self.predictor.lateness().map(Lateness::age).and_then(|a| self.predictor.holding(a));
+            self.holding =
+                self.predictor.lateness().map(Lateness::age).and_then(|a| self.predictor.holding(a));
             self.capture.hold(step);
             (open.since, open.last_alarm) = (step, settled);
             open.next_look = settled + (FIRST_LOOK_S / self.known.period_s) as u64;

@@ -52,7 +52,8 @@ mod tests {
     #[test]
     fn rounded_values_are_told_from_continuous_ones() {
         let mut stream = Stream::new(1, "rounding");
-        let values: Vec<f64> = (0..5000).map(|k| 0.3 * (0.1 * f64::from(k)).sin() + 1e-3 * stream.normal()).collect();
+        let values: Vec<f64> =
+            (0..5000).map(|k| 0.3 * (0.1 * f64::from(k)).sin() + 1e-3 * stream.normal()).collect();
         let seen = |map: fn(f64) -> f64| {
             let mut rounding = Rounding::default();
             values.iter().position(|y| rounding.is_rounded(map(*y), 1e-3))
@@ -60,7 +61,9 @@ mod tests {
         assert_eq!(seen(|y| y), None);
         assert_eq!(seen(|y| f64::from(y as f32)), None);
         assert!(seen(|y| (y * 1e4).round() * 1e-4).is_some_and(|k| k < 30));
-        assert!(seen(|y| f64::from((y.to_degrees().round() * 0.1).to_radians() as f32)).is_some_and(|k| k < 30));
+        assert!(
+            seen(|y| f64::from((y.to_degrees().round() * 0.1).to_radians() as f32)).is_some_and(|k| k < 30)
+        );
         assert_eq!(seen(|_| f64::NAN), None);
     }
 }

@@ -77,7 +77,10 @@ fn named_behind(link: Link, seed: u64) -> (usize, usize) {
         assert!(first.stage == Stage::Wrong && first.step >= onset, "{link:?}: {findings:#?}");
         let last = findings.iter().rfind(|f| f.stage != Stage::Over).and_then(|f| f.cause.as_ref());
         let right = last.map(|c| (c.effect.kind(), c.effect.place()) == (kind, place));
-        println!("{link:?}, {kind} on {place}: {right:?} {:?}", last.map(|c| (c.effect.kind(), c.values[0].value)));
+        println!(
+            "{link:?}, {kind} on {place}: {right:?} {:?}",
+            last.map(|c| (c.effect.kind(), c.values[0].value))
+        );
         named += usize::from(right == Some(true));
         wrong += usize::from(right == Some(false));
         if let (Some(cause), Some(true), true) = (last, right, kind != Kind::Noise) {
