@@ -360,6 +360,7 @@ impl Search {
                     bank: Bank::new(&self.repeats, self.steps),
                     since: self.since,
                     end: self.end,
+                    is_last: capture.is_full() && self.end == capture.next(),
                 };
                 return Some(standing.answer(known, like, capture));
             }

@@ -16,8 +16,8 @@ pub const CERTAIN: f64 = 0.98;
 pub const LIKELIEST: usize = 5;
 
 /// Two candidates are indistinguishable when the distance of their predictions is below this share of the
-/// best candidate's evidence. A remaining change with less than this share of it, such as a few messages that
-/// a busy machine delayed, withholds no name.
+/// best candidate's evidence. When all data have been searched, a remaining change with less than this share
+/// of it, such as a few messages that a busy machine delayed, withholds no name.
 const SAME: f64 = 0.01;
 
 /// A candidate with its best parameters.
@@ -62,6 +62,8 @@ pub struct Standing<'a> {
     pub bank: Bank,
     pub since: u64,
     pub end: u64,
+    /// Whether no more data will be stored.
+    pub is_last: bool,
 }
 
 impl Standing<'_> {
@@ -89,7 +91,7 @@ impl Standing<'_> {
             }
             let bank = self.bank.clone();
             let left = excess::left(known, capture, loud, self.since, self.end, bank);
-            return match withholds(left, loud.evidence) {
+            return match self.withholds(left, loud.evidence) {
                 false => Answer::Cause(Box::new(cause), self.since, loud.evidence),
                 true => Answer::Unexplained,
             };
@@ -104,13 +106,18 @@ impl Standing<'_> {
         if probability < CERTAIN || fit.score <= 0.0 {
             return Answer::Open;
         }
-        if withholds(fit.left, fit.evidence) {
+        if self.withholds(fit.left, fit.evidence) {
             return Answer::Unexplained;
         }
         match self.cause(first, fit, &same, probability) {
             Some(cause) => Answer::Cause(Box::new(cause), fit.since, fit.evidence),
             None => Answer::Unexplained,
         }
+    }
+
+    /// Whether a remaining change with evidence `left` withholds the name of a cause with this evidence.
+    fn withholds(&self, left: f64, evidence: f64) -> bool {
+        left > 0.0 && !(self.is_last && left < SAME * evidence)
     }
 
     fn cause(&self, first: usize, fit: &Fit, same: &[usize], probability: f64) -> Option<Cause> {
@@ -157,9 +164,4 @@ impl Standing<'_> {
         };
         near.take(LIKELIEST).filter(alike).collect()
     }
-}
-
-/// Whether a remaining change with evidence `left` withholds the name of a cause with this evidence.
-fn withholds(left: f64, evidence: f64) -> bool {
-    left > 0.0 && left >= SAME * evidence
 }
