@@ -3,8 +3,8 @@
 //! Protocols round, such as CRSF to 1e-4 rad. How often a rounded value repeats depends on noise and motion, and
 //! the actual noise is often several times smaller than declared, so a repeated value is no evidence there.
 
-/// Number of differences in a row that must be multiples of one step; among continuous values this happens
-/// once in (2 [`TOLERANCE`])^8 = 4e-22 tries.
+/// Number of differences in a row that must be multiples of one step. Continuous values pass once in
+/// (2 [`TOLERANCE`])^-8 = 4e21 tries.
 const IN_A_ROW: u32 = 8;
 
 /// Largest deviation from a multiple, relative to the step: more than what numbers of 32 bits lose.
