@@ -107,11 +107,33 @@ fn the_mirror_names_what_a_vehicle_under_betaflight_has_lost() -> Outcome {
     let _autopilot = set_up(&program, dir.path());
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight");
     let text = std::fs::read_to_string(example.join("flight.toml")).unwrap();
-    let weak =
-        "[[effects]]\neffect = \"input_gain\"\nwhere = \"u_roll\"\nfactor = 0.67\nfrom_s = 5.0\n\n[mirror]\n";
+    // A vehicle at rest shows no authority: after the example's two gusts one follows every third second.
+    let gust = |k: u32| {
+        let (axis, at_s) = (["roll_rate", "pitch_rate"][k as usize % 2], 12 + 3 * k);
+        format!(
+            r#"
+[[effects]]
+effect = "pulse_disturbance"
+where = "{axis}"
+at_s = {at_s}.0
+duration_s = 0.2
+magnitude = "1500 deg/s^2"
+"#
+        )
+    };
+    let gusts: String = (0..15).map(gust).collect();
+    let weak = r#"
+[[effects]]
+effect = "input_gain"
+where = "u_roll"
+factor = 0.67
+from_s = 5.0
+
+[mirror]
+"#;
     std::fs::copy(example.join("agile.toml"), dir.path().join("agile.toml")).unwrap();
     let file = dir.path().join("weak.toml");
-    std::fs::write(&file, text.replace("[expect]", &format!("{weak}\n[expect]"))).unwrap();
+    std::fs::write(&file, text.replace("[expect]", &format!("{gusts}{weak}\n[expect]"))).unwrap();
     let mut bench = Command::new(env!("CARGO_BIN_EXE_whirlstand"));
     bench.args(["run", file.to_str().unwrap(), "--out", dir.path().join("out").to_str().unwrap()]);
     bench.args(["--set", &format!("bridge.betaflight.flavour={flavour}"), "--set", "duration_s=60.0"]);

@@ -3,82 +3,11 @@
 
 mod support;
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
-
 use serde_json::{Value, json as value};
-use support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_learned_from};
+use support::bridged::{setpoints, what_the_controller_flew_alone_is_learned_from};
+use support::radio::Place;
 use support::{json, run, said, spawn, spawn_listening, whirlstand};
 use whirlstand_test_harness::undisturbed;
-
-/// Paths of the module's line, of the receiver's line, and of the report of both.
-struct Place {
-    dir: tempfile::TempDir,
-    module: PathBuf,
-    receiver: PathBuf,
-    report: PathBuf,
-}
-
-impl Place {
-    fn new() -> Self {
-        let dir = tempfile::tempdir().unwrap();
-        let [module, receiver, report] = ["module", "receiver", "report.json"].map(|n| dir.path().join(n));
-        Self { dir, module, receiver, report }
-    }
-
-    /// As [`Place::radio`], with a vehicle that flies by the channels and reports its attitude every `every` periods,
-    /// `late` periods late.
-    fn vehicle(&self, script: &Value, every: u32, late: u32) -> Command {
-        self.flying(script, &value!({"every": every, "late": late}))
-    }
-
-    fn flying(&self, script: &Value, vehicle: &Value) -> Command {
-        let mut radio = self.radio(&script.to_string());
-        radio.arg(vehicle.to_string());
-        radio
-    }
-
-    /// Writes a built-in vehicle of which only roll and pitch are measured, as reported by CRSF, followed by `more`.
-    fn vehicle_file(&self, builtin: &str, more: &str) -> String {
-        let shown = run(["vehicle", "show", builtin]).success().stdout;
-        let mut file: toml::Table = shown.parse().unwrap();
-        let told = |output: &toml::Value| ["roll", "pitch"].contains(&output["name"].as_str().unwrap());
-        file["outputs"].as_array_mut().unwrap().retain(told);
-        let path = self.dir.path().join(format!("{builtin}.toml"));
-        std::fs::write(&path, format!("{file}\n{more}")).unwrap();
-        path.display().to_string()
-    }
-
-    fn radio(&self, script: &str) -> Command {
-        let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bridge/radio.py");
-        // The Python of the tests, where there is one, has a second parser for the same frames.
-        let mut radio =
-            Command::new(std::env::var_os("WHIRLSTAND_PYTHON").unwrap_or_else(|| "python3".into()));
-        radio.arg(program).args([&self.module, &self.receiver, &self.report]).arg(script);
-        radio
-    }
-
-    fn launch(&self) -> String {
-        self.launch_of("quadrotor", "stale_s = 1.0", "")
-    }
-
-    fn launch_of(&self, vehicle: &str, safety: &str, more: &str) -> String {
-        let pilot = format!(
-            "[bridge.pilot]\nsource = \"sbus\"\nlink = \"serial://{}:100000:8E2\"\n{more}",
-            self.receiver.display()
-        );
-        let bridged = Bridged {
-            bridge: "crsf",
-            vehicle,
-            rate_hz: 100,
-            duration_s: 1000,
-            safety,
-            link: format!("serial://{}:420000", self.module.display()),
-            more: &pilot,
-        };
-        bridged.write(self.dir.path()).display().to_string()
-    }
-}
 
 /// Roll and throttle channels that were received in a phase.
 fn seen(report: &Value, phase: usize) -> Vec<(i64, i64)> {
@@ -281,34 +210,5 @@ fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() {
         assert_eq!(json(&place.report)["faults"], value!([]), "{}", end.stderr);
 
         what_the_controller_flew_alone_is_learned_from(out, &vehicle, &structure);
-    });
-}
-
-/// The mirror holds the vehicle's file against a vehicle behind CRSF, of which only the attitude is told: half of the
-/// roll command is lost in flight, and nothing else is.
-#[test]
-fn the_mirror_names_what_a_vehicle_behind_crsf_has_lost() {
-    undisturbed(|| {
-        let place = Place::new();
-        let vehicle = place.vehicle_file("quadrotor", "");
-        let more = format!("[mirror]\n{}", setpoints());
-        let launch = place.launch_of(&vehicle, "stale_s = 1.0", &more);
-        let phases = value!([
-            ["disarmed", {"arm": false, "automatic": true}],
-            ["flown", {"arm": null, "automatic": true, "frames": 2500}],
-            ["flown", {"arm": true, "automatic": true, "effective": 0.5, "frames": 9000}],
-        ]);
-        let _radio = spawn(place.flying(&phases, &value!({"every": 2, "late": 1, "noise": 1e-3})));
-        let out = place.dir.path().join("out");
-        let mut bench = spawn(whirlstand(["run", &launch, "--out", out.to_str().unwrap()]));
-        let cause = "input_gain on u_roll: factor ";
-        let line = bench.wait_for_stderr(cause);
-        bench.signal(libc::SIGINT);
-        let ended = bench.finish();
-        let factor: f64 = line.split(cause).nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-        assert!((0.4..0.6).contains(&factor), "{line}");
-        let findings = &json(out.join("summary.json"))["runs"][0]["findings"];
-        println!("{findings}");
-        assert!(findings[0]["at_s"].as_f64().unwrap() > 20.0, "{findings}\n{}", ended.stderr);
     });
 }

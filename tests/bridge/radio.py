@@ -161,7 +161,7 @@ class Vehicle:
         self.noise, self.random = noise, random.Random(1)
         self.x, self.past, self.periods = [0.0] * 4, [], 0
 
-    def step(self, channels, push, effective):
+    def step(self, channels, push, effective=1.0):
         """One period; `push` is somebody's hand on it, an angular acceleration about roll in deg/s^2, and `effective` the
         share of the roll command that acts."""
         u = [-20.0 * (us - 1500) / 500 for us in (channels[:2] if channels else (1500, 1500))]

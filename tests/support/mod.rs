@@ -10,6 +10,7 @@ pub mod flight;
 pub mod flood;
 pub mod foreign;
 pub mod page;
+pub mod radio;
 pub mod relay;
 
 use std::io::{BufRead, BufReader, Read};
