@@ -98,7 +98,8 @@ fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcom
     Ok(())
 }
 
-/// A third of the roll motors' authority is lost before the first gust, and the mirror says so while Betaflight flies.
+/// A fifth of the roll motors' authority is lost before the first gust, and the mirror says so while Betaflight flies.
+/// The gusts are half as strong as in the example: those would turn the weak vehicle over.
 fn the_mirror_names_what_a_vehicle_under_betaflight_has_lost() -> Outcome {
     let Betaflight { program, flavour } = betaflight_sitl()?;
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -106,7 +107,7 @@ fn the_mirror_names_what_a_vehicle_under_betaflight_has_lost() -> Outcome {
     let dir = tempfile::tempdir().unwrap();
     let _autopilot = set_up(&program, dir.path());
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight");
-    let text = std::fs::read_to_string(example.join("flight.toml")).unwrap();
+    let text = std::fs::read_to_string(example.join("flight.toml")).unwrap().replace("1500 deg", "750 deg");
     // A vehicle at rest shows no authority: after the example's two gusts one follows every third second.
     let gust = |k: u32| {
         let (axis, at_s) = (["roll_rate", "pitch_rate"][k as usize % 2], 12 + 3 * k);
@@ -117,7 +118,7 @@ effect = "pulse_disturbance"
 where = "{axis}"
 at_s = {at_s}.0
 duration_s = 0.2
-magnitude = "1500 deg/s^2"
+magnitude = "750 deg/s^2"
 "#
         )
     };
@@ -126,7 +127,7 @@ magnitude = "1500 deg/s^2"
 [[effects]]
 effect = "input_gain"
 where = "u_roll"
-factor = 0.67
+factor = 0.8
 from_s = 5.0
 
 [mirror]
@@ -143,7 +144,7 @@ from_s = 5.0
     bench.signal(libc::SIGINT);
     bench.finish();
     let factor: f64 = line.split(cause).nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-    assert!((0.6..0.74).contains(&factor), "{line}");
+    assert!((0.75..0.85).contains(&factor), "{line}");
     println!("{line}");
     Ok(())
 }
