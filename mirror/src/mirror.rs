@@ -322,8 +322,13 @@ impl Mirror {
                     return None;
                 }
                 None => {
-                    open.search =
-                        Some(Search::new(&self.known, &self.capture, open.since, end, self.run_length));
+                    open.search = Some(Search::new(
+                        &self.known,
+                        &self.capture,
+                        (open.since, open.took),
+                        end,
+                        self.run_length,
+                    ));
                 }
             }
             open.next_look = end;

@@ -35,6 +35,10 @@ const HOPELESS: (f64, f64) = (30.0, 0.5);
 /// most one second): the initial state of a backlash depends on the input at the onset.
 const BEGINS: [f64; 5] = [0.0, 0.0625, 0.125, 0.25, 0.5];
 
+/// Onsets on the grid after the likeliest one, as shares of the time from it to the alarm: a small change of the
+/// innovations by chance places it too early, and a candidate whose effect began later explains little from there.
+const LATER: [f64; 3] = [0.25, 0.5, 0.75];
+
 /// Length of the data for the grid, s, and (`POINTS`) number of grid points from which the search continues.
 const GRID_S: f64 = 2.0;
 const POINTS: usize = 2;
@@ -80,6 +84,8 @@ pub struct Search {
     /// Shift of the onset that is being tried, in steps.
     shift: u64,
     since: u64,
+    /// Number of steps from there to the alarm.
+    took: u64,
     end: u64,
     steps: f64,
     repeats: Vec<f64>,
@@ -88,9 +94,15 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search for the change at about `since`, with the data until `end`; `steps` is the average run length
-    /// to a false alarm of the bank that tests for a remaining change.
-    pub fn new(known: &Knowledge, capture: &Capture, since: u64, end: u64, steps: f64) -> Self {
+    /// A search for the change at about `since`, which raised an alarm `took` steps later, with the data until
+    /// `end`; `steps` is the average run length to a false alarm of the bank that tests for a remaining change.
+    pub fn new(
+        known: &Knowledge,
+        capture: &Capture,
+        (since, took): (u64, u64),
+        end: u64,
+        steps: f64,
+    ) -> Self {
         let from = since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
         let candidates = candidates(known, capture, from, end);
         let count = candidates.len();
@@ -105,6 +117,7 @@ impl Search {
             fine: false,
             shift: 0,
             since,
+            took,
             end,
             steps,
             repeats: excess::anyway(known),
@@ -157,8 +170,14 @@ impl Search {
                 continue;
             }
             let begins = if candidate.remembers() { &BEGINS[..] } else { &BEGINS[..1] };
-            for (values, share) in candidate.starts.iter().flat_map(|s| begins.iter().map(move |b| (s, b))) {
-                let since = self.since.saturating_sub((share * span) as u64).max(first + 1).min(self.since);
+            let earlier = begins.iter().map(|share| self.since.saturating_sub((share * span) as u64));
+            let later = LATER.iter().map(|share| self.since + (share * self.took as f64) as u64);
+            let mut onsets: Vec<u64> =
+                earlier.map(|s| s.max(first + 1).min(self.since)).chain(later).collect();
+            onsets.retain(|onset| onset + 8 < self.end);
+            onsets.sort_unstable();
+            onsets.dedup();
+            for (values, since) in candidate.starts.iter().flat_map(|s| onsets.iter().map(move |o| (s, *o))) {
                 // The effect holds the input before the onset.
                 let stood = candidate
                     .memory
