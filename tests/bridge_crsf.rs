@@ -6,7 +6,7 @@ mod support;
 use serde_json::{Value, json as value};
 use support::bridged::{setpoints, what_the_controller_flew_alone_is_learned_from};
 use support::radio::Place;
-use support::{json, run, said, spawn, spawn_listening, whirlstand};
+use support::{json, said, spawn, spawn_listening, whirlstand};
 use whirlstand_test_harness::undisturbed;
 
 /// Roll and throttle channels that were received in a phase.
