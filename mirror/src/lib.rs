@@ -20,6 +20,7 @@ mod finding;
 mod known;
 mod lateness;
 mod mirror;
+mod onsets;
 mod predictor;
 mod replay;
 mod rounding;

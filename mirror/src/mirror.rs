@@ -9,6 +9,7 @@ use crate::excess;
 use crate::finding::{Cause, Finding, Stage};
 use crate::known::Knowledge;
 use crate::lateness::{HeldInputs, Lateness};
+use crate::onsets::Onset;
 use crate::predictor::{Predictor, Sample};
 use crate::replay::{Belief, predictor};
 use crate::rounding::Rounding;
@@ -325,7 +326,7 @@ impl Mirror {
                     open.search = Some(Search::new(
                         &self.known,
                         &self.capture,
-                        (open.since, open.took),
+                        Onset { since: open.since, took: open.took },
                         end,
                         self.run_length,
                     ));

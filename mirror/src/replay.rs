@@ -200,7 +200,7 @@ impl Trial {
             }
             self.step += 1;
         }
-        self.step == self.end
+        self.step >= self.end
     }
 
     /// Log-likelihood ratio against no change.

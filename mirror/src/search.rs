@@ -14,6 +14,7 @@ use crate::candidates::{Candidate, candidates};
 use crate::capture::Capture;
 use crate::excess;
 use crate::known::Knowledge;
+use crate::onsets::Onset;
 use crate::predictor::Predictor;
 use crate::replay::{REACH_S, Trial, predictor};
 use crate::verdict::{Answer, Fit, LIKELIEST, Standing, ranking};
@@ -31,15 +32,7 @@ const STEPS: u8 = 5;
 /// share of the best score (a candidate that explains half as much does not become equal with another onset).
 const HOPELESS: (f64, f64) = (30.0, 0.5);
 
-/// Onsets on the grid for effects with memory, before the likeliest one, as shares of the time since then (at
-/// most one second): the initial state of a backlash depends on the input at the onset.
-const BEGINS: [f64; 5] = [0.0, 0.0625, 0.125, 0.25, 0.5];
-
-/// Onsets on the grid after the likeliest one, as shares of the time from it to the alarm: a small change of the
-/// innovations by chance places it too early, and a candidate whose effect began later explains little from there.
-const LATER: [f64; 3] = [0.25, 0.5, 0.75];
-
-/// Length of the data for the grid, s, and (`POINTS`) number of grid points from which the search continues.
+/// Length of the data for the grid after the alarm, s, and (`POINTS`) number of grid points from which the search continues.
 const GRID_S: f64 = 2.0;
 const POINTS: usize = 2;
 
@@ -83,9 +76,7 @@ pub struct Search {
     purpose: Purpose,
     /// Shift of the onset that is being tried, in steps.
     shift: u64,
-    since: u64,
-    /// Number of steps from there to the alarm.
-    took: u64,
+    onset: Onset,
     end: u64,
     steps: f64,
     repeats: Vec<f64>,
@@ -94,16 +85,10 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search for the change at about `since`, which raised an alarm `took` steps later, with the data until
-    /// `end`; `steps` is the average run length to a false alarm of the bank that tests for a remaining change.
-    pub fn new(
-        known: &Knowledge,
-        capture: &Capture,
-        (since, took): (u64, u64),
-        end: u64,
-        steps: f64,
-    ) -> Self {
-        let from = since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
+    /// A search for the change at about `onset`, with the data until `end`; `steps` is the average run length to a
+    /// false alarm of the bank that tests for a remaining change.
+    pub fn new(known: &Knowledge, capture: &Capture, onset: Onset, end: u64, steps: f64) -> Self {
+        let from = onset.since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
         let candidates = candidates(known, capture, from, end);
         let count = candidates.len();
         let mut search = Self {
@@ -116,8 +101,7 @@ impl Search {
             purpose: Purpose::Scan,
             fine: false,
             shift: 0,
-            since,
-            took,
+            onset,
             end,
             steps,
             repeats: excess::anyway(known),
@@ -128,7 +112,7 @@ impl Search {
 
     /// Restarts the search with the data until `end`.
     pub fn again(&mut self, known: &Knowledge, capture: &Capture, end: u64) {
-        let from = self.since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
+        let from = self.onset.since.saturating_sub((REACH_S / known.period_s) as u64).max(capture.first());
         let fresh = candidates(known, capture, from, end);
         // The candidates follow from the captured motion; if their list has the same length, the earlier fits
         // are kept.
@@ -162,21 +146,14 @@ impl Search {
         (self.purpose, self.fine) = (Purpose::Scan, false);
         self.grid = vec![Vec::new(); self.candidates.len()];
         let best = self.fits.iter().flatten().map(|f| f.score).fold(f64::NEG_INFINITY, f64::max);
-        let span = (self.end - self.since).min((1.0 / period_s) as u64) as f64;
+        let second = (1.0 / period_s) as u64;
         for (index, candidate) in self.candidates.iter().enumerate() {
             // A low score may be a wrong local maximum.
             let behind = |f: &Fit| f.evidence <= 0.0 || candidate.starts.len() > 1 && f.score < best - NEAR.0;
             if self.hopeless[index] || !self.fits[index].as_ref().is_none_or(behind) {
                 continue;
             }
-            let begins = if candidate.remembers() { &BEGINS[..] } else { &BEGINS[..1] };
-            let earlier = begins.iter().map(|share| self.since.saturating_sub((share * span) as u64));
-            let later = LATER.iter().map(|share| self.since + (share * self.took as f64) as u64);
-            let mut onsets: Vec<u64> =
-                earlier.map(|s| s.max(first + 1).min(self.since)).chain(later).collect();
-            onsets.retain(|onset| onset + 8 < self.end);
-            onsets.sort_unstable();
-            onsets.dedup();
+            let onsets = self.onset.grid(candidate.remembers(), (first, self.end), second);
             for (values, since) in candidate.starts.iter().flat_map(|s| onsets.iter().map(move |o| (s, *o))) {
                 // The effect holds the input before the onset.
                 let stood = candidate
@@ -277,7 +254,7 @@ impl Search {
         let mut all = vec![at(&job.values)?];
         let mut moves = Vec::new();
         if job.purpose == Purpose::Scan {
-            let end = self.end.min(self.since + (GRID_S / known.period_s) as u64);
+            let end = self.end.min(self.onset.since + self.onset.took + (GRID_S / known.period_s) as u64);
             return Some(Trial::new(all, moves, job.since, end, None));
         }
         for (k, open) in candidate.parameters().enumerate() {
@@ -349,7 +326,7 @@ impl Search {
             }
             Purpose::Look => {
                 self.purpose = Purpose::Shift;
-                let doubt = (self.end - self.since).min((1.0 / known.period_s) as u64);
+                let doubt = (self.end - self.onset.since).min((1.0 / known.period_s) as u64);
                 self.shift = (doubt / 2).next_power_of_two().max(1);
             }
             Purpose::Shift if self.shift > 1 => self.shift /= 2,
@@ -377,7 +354,7 @@ impl Search {
                     candidates: &self.candidates,
                     fits: &self.fits,
                     bank: Bank::new(&self.repeats, self.steps),
-                    since: self.since,
+                    since: self.onset.since,
                     end: self.end,
                     is_last: capture.is_full() && self.end == capture.next(),
                 };
