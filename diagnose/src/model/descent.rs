@@ -127,11 +127,7 @@ impl Point for Weighed<'_> {
 }
 
 /// Columns whitened by a noise model.
-pub(super) fn whitened(
-    noise: &Noise,
-    data: &Data,
-    columns: &[Column],
-) -> Vec<Vec<f64>> {
+pub(super) fn whitened(noise: &Noise, data: &Data, columns: &[Column]) -> Vec<Vec<f64>> {
     columns.par_iter().map(|c| noise.whiten(data, &data.filled(c))).collect()
 }
 

@@ -5,15 +5,23 @@ use whirlstand_vehicle::{Kind, Vehicle};
 
 use super::answer::{Draft, ParameterAnswer};
 
-/// The vehicle file of a draft: the usual text of the vehicle, with comments above its parts.
-pub fn text(vehicle: &Vehicle, draft: &Draft) -> String {
+/// The vehicle file of a draft: the usual text of the vehicle, with comments above its parts. With `rotors` the
+/// inputs are rotors that are all alike.
+pub fn text(vehicle: &Vehicle, rotors: bool, draft: &Draft) -> String {
     let mut text = vehicle.to_toml();
     above(&mut text, "A = [", &model(draft));
-    let bounds = [
+    let mut bounds = vec![
         "Bounds: poles from a time constant of one step to slow growth; gains up to ten times the ratio of the spreads of output"
             .to_string(),
         "and input; delays and lags up to those of small vehicles.".to_string(),
     ];
+    if rotors {
+        bounds.push(
+            "Gains, delays and lags of the rotors stay as fitted here: they were fitted as those of equal rotors, and one by one"
+                .into(),
+        );
+        bounds.push("the record hardly determines them.".into());
+    }
     above(&mut text, "free = [", &bounds);
     for input in &vehicle.inputs {
         let anchor = format!("[[inputs]]\nname = \"{}\"", input.name);

@@ -41,8 +41,10 @@ pub fn open(path: &Path, time: Option<&str>) -> Result<Opened, DraftError> {
 /// The signals of all topics.
 fn signals_of(log: &LogInfo) -> Vec<Offered> {
     let topic = |topic: &whirlstand_logs::TopicInfo| {
-        // For a topic that arrives in bursts, the mean rate describes it better than the median interval.
-        let mean = (topic.messages as f64 - 1.0) / (topic.to - topic.from).max(1e-9);
+        // For a topic that arrives in bursts, the mean rate describes it better than the median interval. A single
+        // pause, as between two flights, is no part of it.
+        let pause = topic.longest_gap.map_or(0.0, |gap| gap.to - gap.from);
+        let mean = (topic.messages as f64 - 1.0) / (topic.to - topic.from - pause).max(1e-9);
         let rate = topic.rate_hz.map_or(mean, |rate| rate.min(2.0 * mean)).max(0.0);
         let one = move |signal: &String| {
             let (name, unit) = split_unit(signal);

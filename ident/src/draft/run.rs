@@ -4,7 +4,7 @@ use std::path::Path;
 
 use whirlstand_logs::Record;
 use whirlstand_logs::stats::{rms, white_noise_std};
-use whirlstand_vehicle::{ESTIMATED_IN_MOTION, SENSOR_NOISE, Vehicle};
+use whirlstand_vehicle::{ESTIMATED_IN_MOTION, Matrix, SENSOR_NOISE, Target, Vehicle};
 
 use super::answer::{
     AxisAnswer, DRAFT_SCHEMA, Draft, HeldOut, LeftOut, ParameterAnswer, SignalAnswer, TriedAnswer,
@@ -61,51 +61,59 @@ pub fn draft(
     let time = names.time.as_deref();
     let opened = open(path, time)?;
     let proposal = propose(&log, &opened.offered, opened.clocks, &names.choice)?;
-    let (inputs, record) = moving(path, &log, &proposal, time, part)?;
-    check_motors(&record, &proposal.motors, &inputs)?;
+    let mut refused = None;
+    for group in &proposal.inputs {
+        let chosen: Vec<&Chosen> = group.iter().chain(&proposal.outputs).chain(&proposal.motors).collect();
+        let record = read_chosen(path, &chosen, time, part)?;
+        let inputs: Vec<Chosen> = group.iter().filter(|c| moves(&record, c)).cloned().collect();
+        if inputs.is_empty() {
+            continue;
+        }
+        match from_inputs(&log, names, &proposal, (inputs, &record), observe) {
+            // A log may hold what was asked of the vehicle and what its motors did: where one explains nothing, the
+            // other may. The first refusal is told, as it is about the inputs that were proposed first.
+            Err(why @ (DraftError::Unexplained { .. } | DraftError::TooSlow { .. })) => {
+                refused.get_or_insert(why);
+            }
+            found => return found,
+        }
+    }
+    let still: Vec<&str> = proposal.inputs.iter().flatten().map(|c| c.source.as_str()).collect();
+    Err(refused.unwrap_or_else(|| DraftError::InputsAtRest { log: log.clone(), inputs: still.join(", ") }))
+}
+
+/// Drafts a vehicle that is driven by some inputs of the proposal.
+fn from_inputs(
+    log: &str,
+    names: &Names,
+    proposal: &Proposal,
+    (inputs, record): (Vec<Chosen>, &Record),
+    observe: &(dyn Fn(&str) + Sync),
+) -> Result<Draft, DraftError> {
+    check_motors(record, &proposal.motors, &inputs)?;
     let (angles, outputs): (Vec<Chosen>, Vec<Chosen>) =
         proposal.outputs.iter().cloned().partition(|o| is_integral(o, &proposal.outputs));
     let mut left_out = Vec::new();
-    let (inputs, outputs) = fast_enough(&record, inputs, outputs, &mut left_out)?;
+    let (inputs, outputs) = fast_enough(record, inputs, outputs, &mut left_out)?;
     observe("finding the input that explains each output");
-    let mut even = on_even_steps(&record, &inputs)?;
+    let mut even = on_even_steps(record, &inputs)?;
     let mixer = Mixer::of(&inputs);
     if let Some(mixer) = &mixer {
         even = mixer.mixed(even);
     }
     let steering = mixer.as_ref().map_or(&inputs, |m| &m.patterns);
-    let links = link(&even, &record, steering, &outputs, &mut left_out)?;
+    let links = link(&even, record, steering, &outputs, &mut left_out)?;
     let axes = axes(&even, &links, mixer.is_some(), &mut left_out, observe)?;
     if axes.is_empty() {
         let found = left_out.iter().map(|l| format!("{}: {}", l.output, l.why)).collect::<Vec<_>>();
-        return Err(DraftError::Unexplained { log, found: found.join("; ") });
+        return Err(DraftError::Unexplained { log: log.into(), found: found.join("; ") });
     }
-    finish(&log, names, &record, (&axes, mixer.as_ref()), &angles, left_out)
+    finish(log, names, record, (&axes, mixer.as_ref()), &angles, left_out)
 }
 
 /// True for an angle whose rate is among the outputs.
 fn is_integral(output: &Chosen, outputs: &[Chosen]) -> bool {
     rate_of(&output.name).is_some_and(|rate| outputs.iter().any(|o| o.name == rate))
-}
-
-/// The first group of inputs in which one changes, with the record of it, the outputs and the motors.
-fn moving(
-    path: &Path,
-    log: &str,
-    proposal: &Proposal,
-    time: Option<&str>,
-    part: (Option<f64>, Option<f64>),
-) -> Result<(Vec<Chosen>, Record), DraftError> {
-    for group in &proposal.inputs {
-        let chosen: Vec<&Chosen> = group.iter().chain(&proposal.outputs).chain(&proposal.motors).collect();
-        let record = read_chosen(path, &chosen, time, part)?;
-        let inputs: Vec<Chosen> = group.iter().filter(|c| moves(&record, c)).cloned().collect();
-        if !inputs.is_empty() {
-            return Ok((inputs, record));
-        }
-    }
-    let still: Vec<&str> = proposal.inputs.iter().flatten().map(|c| c.source.as_str()).collect();
-    Err(DraftError::InputsAtRest { log: log.into(), inputs: still.join(", ") })
 }
 
 /// The record resampled to the steps that the fit needs.
@@ -222,7 +230,12 @@ fn finish(
         vehicle_file: None,
         toml: String::new(),
     };
-    draft.toml = comments::text(&vehicle, &draft);
+    if mixer.is_some() {
+        // A rotor's gain, delay and lag are those of all others, which a list of single values cannot say: each on
+        // its own is hardly determined, as the rotors move together.
+        vehicle.free.retain(|free| matches!(free.target, Target::Entry(Matrix::A, ..)));
+    }
+    draft.toml = comments::text(&vehicle, mixer.is_some(), &draft);
     Vehicle::parse(&draft.toml, &draft.vehicle).map_err(whirlstand_vehicle::VehicleError::from)?;
     Ok(draft)
 }

@@ -90,6 +90,10 @@ pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<C
     all.sort_by_key(|t| t.structure.parameters());
     let figures = all.iter().map(|t| (t.structure, t.rmse)).collect();
     all.retain(effects_show);
+    // A value at its bound is not determined (Self and Liang 1987); without such a structure there is only that.
+    if all.iter().any(within_bounds) {
+        all.retain(within_bounds);
+    }
     Ok(simplest(all).map(|found| (found, figures)))
 }
 
@@ -116,6 +120,15 @@ fn effects_show(tried: &Tried) -> bool {
     let of_effect = |p: &Parameter| matches!(p.target, Target::Effect(..));
     fit.fixed.iter().all(|f| !of_effect(&f.parameter))
         && fit.problem.parameters.iter().enumerate().all(|(i, p)| !of_effect(p) || shows(i))
+}
+
+/// True when every entry of the matrices is away from its bounds.
+fn within_bounds(tried: &Tried) -> bool {
+    let inside = |(p, value): (&Parameter, &f64)| {
+        let margin = 1e-6 * (p.upper - p.lower);
+        !matches!(p.target, Target::Entry(..)) || (p.lower + margin..=p.upper - margin).contains(value)
+    };
+    tried.fit.problem.parameters.iter().zip(&tried.fit.theta).all(inside)
 }
 
 /// The simplest of those that predict as well as the best; `all` is sorted from the simplest on.

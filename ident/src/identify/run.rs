@@ -148,9 +148,18 @@ fn check(problem: &Problem, segments: &[Segment]) -> Result<(), IdentifyError> {
     Ok(())
 }
 
-/// Selects the noise model for data and vehicle.
+/// Selects the noise model for data and vehicle. A vehicle whose values were found beside process noise was
+/// fitted to a flight in a closed loop or in gusts, where output errors give biased values (Ljung, System
+/// Identification, 1999, section 13.4): it is fitted with process noise again.
 fn choose(problem: &Problem, segments: &[Segment], closed_loop: bool) -> Noise {
-    if closed_loop || !quality::stable_at_start(problem, segments) { Noise::Kalman } else { Noise::White }
+    let provenance = &problem.vehicle.provenance;
+    let followed =
+        provenance.iter().any(|(key, value)| key == "noise" && value == text::noise(Noise::Kalman));
+    if closed_loop || followed || !quality::stable_at_start(problem, segments) {
+        Noise::Kalman
+    } else {
+        Noise::White
+    }
 }
 
 fn answer(

@@ -19,13 +19,15 @@ pub enum CsvError {
     },
     /// The header line is missing, or has no time column.
     #[error(
-        "{path}, line 1: the first column is '{found}', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another"
+        "{path}, line 1: the first column is '{found}', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of {columns}"
     )]
     NoTime {
         /// The file.
         path: PathBuf,
         /// Head of the first column.
         found: String,
+        /// Heads of the columns.
+        columns: String,
     },
     /// Two columns have one name.
     #[error("{path}, line 1: two columns are called '{name}'")]

@@ -23,6 +23,8 @@ use crate::record::Record;
 
 /// Most characters of a cell that a message quotes.
 const SHOWN: usize = 40;
+/// Largest number of columns that an error lists.
+const COLUMNS_TOLD: usize = 12;
 
 /// Reads a CSV file into SI units. Mapped columns get their new names; the others keep theirs.
 ///
@@ -170,7 +172,12 @@ impl Columns {
             }
             None => {
                 let found = excerpt(heads.first().map_or("", String::as_str));
-                return Err(CsvError::NoTime { path: path.into(), found });
+                let heads: Vec<String> = heads.iter().map(|head| excerpt(head)).collect();
+                let listed = heads.iter().take(COLUMNS_TOLD).map(|head| format!("'{head}'"));
+                let more = heads.len().saturating_sub(COLUMNS_TOLD);
+                let more = (more > 0).then(|| format!("{more} more"));
+                let columns = listed.chain(more).collect::<Vec<_>>().join(", ");
+                return Err(CsvError::NoTime { path: path.into(), found, columns });
             }
         };
         // A time column without a unit is in s.

@@ -69,6 +69,11 @@ impl Format {
             _ => None,
         }
     }
+
+    /// True for the message in which PX4's sdlog2 keeps the time of all others.
+    pub fn is_sdlog2_time(&self) -> bool {
+        self.name == "TIME" && self.fields.first().is_some_and(|field| field.label == "StartTime")
+    }
 }
 
 impl Field {

@@ -50,6 +50,14 @@ pub enum DataflashError {
         /// Where the search began.
         at: u64,
     },
+    /// The file has the framing of a DataFlash log, and the times of PX4's format before ULog.
+    #[error(
+        "{path}: this is a log of PX4's sdlog2 (.px4log), which was replaced by ULog in 2016 and is not read; convert it to CSV, for example by pymavlink's mavlogdump.py --format csv, and give that"
+    )]
+    Sdlog2 {
+        /// The file.
+        path: PathBuf,
+    },
     /// The signals cannot form a record.
     #[error(transparent)]
     Multi(#[from] MultiError),
@@ -124,6 +132,10 @@ impl<'a> Log<'a> {
         if messages.formats().count() < 2 {
             return Err(DataflashError::NoDefinition { path: path.into(), at: 0 });
         }
+        let start = clock.start.or(clock.unconfirmed);
+        if start.is_none() && messages.formats().any(Format::is_sdlog2_time) {
+            return Err(DataflashError::Sdlog2 { path: path.into() });
+        }
         let mut remarks = gap_remarks(path, messages.gaps());
         remarks.extend(messages.formats().filter_map(|format| {
             let letter = format.unknown?;
@@ -132,7 +144,7 @@ impl<'a> Log<'a> {
                 format.name
             ))
         }));
-        Ok(Self { path, definitions, start: clock.start.or(clock.unconfirmed), remarks })
+        Ok(Self { path, definitions, start, remarks })
     }
 
     fn topics(&self) -> Result<Topics, DataflashError> {
