@@ -109,6 +109,21 @@ fn an_old_log_without_units_is_read_with_the_scales_of_its_types() {
 }
 
 #[test]
+fn a_log_of_px4s_former_format_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut log = Writer::default();
+    log.define(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Labels");
+    log.define(129, 11, "TIME", "Q", "StartTime");
+    log.define(2, 7, "ATT", "f", "Roll");
+    for k in 0..50u64 {
+        log.message(129, &[&(20_000 * k).to_le_bytes()]);
+        log.message(2, &[&(k as f32).to_le_bytes()]);
+    }
+    let error = info(&written(folder.path(), &log.bytes)).unwrap_err().to_string();
+    assert!(error.contains("sdlog2") && error.contains("CSV"), "{error}");
+}
+
+#[test]
 fn damage_is_told_with_its_place_and_the_rest_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let whole = flight(|_| true);

@@ -13,26 +13,29 @@ use whirlstand_logs::stats::rms;
 /// follows a signal does as well (it is left in `like`) or where they leave more than they explain; else
 /// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
 /// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
-/// is sized.
+/// is sized. Without a test for lack of fit, where the noise is not known, only a force that explains as much
+/// withdraws causes.
 pub fn withhold(
     selection: &mut Selection<'_, '_>,
-    (lack, like): (&mut LackOfFit, &mut Option<ForceOnSignal>),
+    (lack, like): (&mut Option<LackOfFit>, &mut Option<ForceOnSignal>),
     turbulent: bool,
     start: Vec<f64>,
     space: &SearchSpace<'_>,
 ) -> Vec<(Candidate, f64)> {
     let Some(without) = selection.without_causes(start) else { return Vec::new() };
     let several = selection.model.terms.len() > without.model.terms.len() + 1;
-    let asked = several || lack.one.chance < RIVAL_FORCE_P_VALUE || lack.all.chance < RIVAL_FORCE_P_VALUE;
+    let chance = |lack: LackOfFit| lack.one.chance.min(lack.all.chance);
+    let asked = several || lack.is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
     let rival = if asked && !turbulent { rival(selection, &without, space, several) } else { None };
-    let believed = match rival {
-        Some(rival) => {
-            *lack = lack.or_one(rival.gain);
+    let believed = match (rival, &lack) {
+        (Some(rival), _) => {
+            *lack = Some(LackOfFit::or_one(*lack, rival.gain));
             *like = Some(rival);
             Some(without)
         }
-        None if !turbulent && drowned(selection, &without, space.declared) => Some(without),
-        None => selection.beyond(lack.left()),
+        (None, None) => None,
+        (None, Some(_)) if !turbulent && drowned(selection, &without, space.declared) => Some(without),
+        (None, Some(lack)) => selection.beyond(lack.left()),
     };
     let Some(believed) = believed else { return Vec::new() };
     let gains = selection.accepted.iter().map(|a| a.evidence.delta_bic);

@@ -57,10 +57,15 @@ impl LackOfFit {
         self.one.chance < LACK_P_VALUE
     }
 
-    /// The result with functions of one signal that gain `gain` in BIC, when that is more.
-    pub fn or_one(self, gain: f64) -> Self {
-        let all = Excess { energy: gain, sigmas: gain.sqrt(), chance: (-0.5 * gain).exp() };
-        if all.energy > self.one.energy { Self { one: all, ..self } } else { self }
+    /// The result of a test, if one was made, with functions of one signal that gain `gain` in BIC, when that is
+    /// more.
+    pub fn or_one(tested: Option<Self>, gain: f64) -> Self {
+        let one = Excess { energy: gain, sigmas: gain.sqrt(), chance: (-0.5 * gain).exp() };
+        match tested {
+            None => Self { all: one, one },
+            Some(tested) if one.energy > tested.one.energy => Self { one, ..tested },
+            Some(tested) => tested,
+        }
     }
 
     /// Energy of the final residual that is not noise.

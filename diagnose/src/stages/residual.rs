@@ -57,14 +57,15 @@ impl<'r> Residual<'r> {
         }
         let mut selection = beside.unwrap_or(alone);
         if let Some(force) = &force {
-            lack = lack.map(|lack| lack.or_one(force.gain));
+            lack = lack.map(|lack| LackOfFit::or_one(Some(lack), force.gain));
         }
         let rest_before = if baseline.data().held { rest_before(&selection) } else { 0.0 };
         let mut withheld = Vec::new();
-        if let Some(lack) = lack.as_mut().filter(|_| !watch.is_stopped()) {
+        let asked = lack.is_some() || noise.is_empty() && !baseline.blocked;
+        if asked && !watch.is_stopped() {
             watch.tell("analysing the remaining residual");
             let start = baseline.start();
-            withheld = withhold(&mut selection, (lack, &mut force), turbulence.is_some(), start, &space);
+            withheld = withhold(&mut selection, (&mut lack, &mut force), turbulence.is_some(), start, &space);
         }
         let mut samples = baseline.checked.samples.clone();
         still_wild(&mut samples, baseline.data(), baseline.good.clone(), &selection.fit.predicted);

@@ -198,9 +198,18 @@ const CRAZYFLIE: Family = Family {
         ],
     ],
     outputs: &[
-        ("roll_rate", &[("gyro.x", "deg/s"), ("stateEstimateZ.rateRoll", "mrad/s")]),
-        ("pitch_rate", &[("gyro.y", "deg/s"), ("stateEstimateZ.ratePitch", "mrad/s")]),
-        ("yaw_rate", &[("gyro.z", "deg/s"), ("stateEstimateZ.rateYaw", "mrad/s")]),
+        (
+            "roll_rate",
+            &[("gyro.x", "deg/s"), ("stateEstimateZ.rateRoll", "mrad/s"), ("controller.r_roll", "rad/s")],
+        ),
+        (
+            "pitch_rate",
+            &[("gyro.y", "deg/s"), ("stateEstimateZ.ratePitch", "mrad/s"), ("controller.r_pitch", "rad/s")],
+        ),
+        (
+            "yaw_rate",
+            &[("gyro.z", "deg/s"), ("stateEstimateZ.rateYaw", "mrad/s"), ("controller.r_yaw", "rad/s")],
+        ),
         ("roll", &[("stateEstimate.roll", "deg"), ("stabilizer.roll", "deg")]),
         ("pitch", &[("stateEstimate.pitch", "deg"), ("stabilizer.pitch", "deg")]),
         ("yaw", &[("stateEstimate.yaw", "deg"), ("stabilizer.yaw", "deg")]),

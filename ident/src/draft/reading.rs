@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use whirlstand_logs::{AnyReadError, Kind, LogInfo, Mapping, Record, info, kind, median_interval, read};
+use whirlstand_logs::{
+    AnyReadError, Kind, LogInfo, Mapping, Record, TopicInfo, info, kind, median_interval, read,
+};
 
 use super::error::DraftError;
 use super::proposal::{Chosen, Offered, split_unit};
@@ -40,12 +42,8 @@ pub fn open(path: &Path, time: Option<&str>) -> Result<Opened, DraftError> {
 
 /// The signals of all topics.
 fn signals_of(log: &LogInfo) -> Vec<Offered> {
-    let topic = |topic: &whirlstand_logs::TopicInfo| {
-        // For a topic that arrives in bursts, the mean rate describes it better than the median interval. A single
-        // pause, as between two flights, is no part of it.
-        let pause = topic.longest_gap.map_or(0.0, |gap| gap.to - gap.from);
-        let mean = (topic.messages as f64 - 1.0) / (topic.to - topic.from - pause).max(1e-9);
-        let rate = topic.rate_hz.map_or(mean, |rate| rate.min(2.0 * mean)).max(0.0);
+    let topic = |topic: &TopicInfo| {
+        let rate = rate_hz(topic);
         let one = move |signal: &String| {
             let (name, unit) = split_unit(signal);
             Offered { name: name.into(), unit: unit.map(Into::into), rate_hz: Some(rate) }
@@ -53,6 +51,14 @@ fn signals_of(log: &LogInfo) -> Vec<Offered> {
         topic.signals.iter().map(one).collect::<Vec<_>>()
     };
     log.topics.iter().flat_map(topic).collect()
+}
+
+/// Messages of a topic per second. For a topic that arrives in bursts, the mean rate describes it better than the
+/// median interval; the longest pause, as between two flights, is no part of it.
+fn rate_hz(topic: &TopicInfo) -> f64 {
+    let pause = topic.longest_gap.map_or(0.0, |gap| gap.to - gap.from);
+    let mean = (topic.messages as f64 - 1.0) / (topic.to - topic.from - pause).max(1e-9);
+    topic.rate_hz.map_or(mean, |rate| rate.min(2.0 * mean)).max(0.0)
 }
 
 fn mappings(chosen: &[&Chosen], time: Option<&str>) -> Result<Vec<Mapping>, DraftError> {
@@ -127,6 +133,27 @@ mod tests {
         assert!((interval(&record, &chosen("u", None)).unwrap() - 0.05).abs() < 1e-9);
         assert_eq!(interval(&record, &chosen("u", Some(0.2))), Some(0.2));
         assert_eq!(interval(&record, &chosen("c", None)), None);
+    }
+
+    #[test]
+    fn a_pause_between_two_flights_does_not_slow_a_topic_and_bursts_do() {
+        let topic = |messages: u64, rate_hz: f64, to: f64, longest_gap| TopicInfo {
+            name: "RATE".into(),
+            message_type: "RATE".into(),
+            encoding: "dataflash".into(),
+            messages,
+            from: 0.0,
+            to,
+            rate_hz: Some(rate_hz),
+            lost: 0,
+            gaps: usize::from(longest_gap.is_some()),
+            longest_gap,
+            signals: Vec::new(),
+        };
+        let pause = whirlstand_logs::Gap { from: 20.0, to: 420.0, missing: 20_000 };
+        assert_eq!(rate_hz(&topic(2001, 50.0, 440.0, Some(pause))), 50.0);
+        // Ten messages a millisecond apart, ten times a second.
+        assert!((rate_hz(&topic(1001, 1000.0, 10.0, None)) - 200.0).abs() < 1e-9);
     }
 
     #[test]

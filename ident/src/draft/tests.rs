@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use whirlstand_logs::testing::noise;
-use whirlstand_vehicle::{Simulator, Vehicle};
+use whirlstand_vehicle::{Matrix, Simulator, Target, Vehicle};
 
 use super::{Choice, Draft, DraftError, Names, draft};
 
@@ -252,4 +252,24 @@ fn rotors_of_a_quadrotor_drive_its_axes_together() {
     let lags = vehicle.effects.iter().filter(|e| e.kind() == whirlstand_vehicle::Kind::ActuatorLag).count();
     assert!(lags == 0 || lags == 4, "{}", found.toml);
     assert_eq!(vehicle.map.iter().filter(|(_, source)| source.starts_with("motor.m")).count(), 4);
+    // One by one the rotors' gains and lags are not determined: an identification must not untie them.
+    let own = |free: &whirlstand_vehicle::Free| matches!(free.target, Target::Entry(Matrix::A, ..));
+    assert!(!vehicle.free.is_empty() && vehicle.free.iter().all(own), "{}", found.toml);
+}
+
+#[test]
+fn inputs_that_explain_nothing_are_followed_by_the_next() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = quadrotor(&dir);
+    // What a program writes beside its motors, and what has nothing to do with them.
+    let idle = noise(6000, 77);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let extended = text.lines().enumerate().map(|(k, line)| match k {
+        0 => format!("{line},controller.cmd_roll\n"),
+        k => format!("{line},{}\n", idle[(k - 1) / 40 * 40]),
+    });
+    std::fs::write(&path, extended.collect::<String>()).unwrap();
+    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let inputs: Vec<&str> = found.axes.iter().map(|axis| axis.input.as_str()).collect();
+    assert!(inputs.len() == 3 && inputs.iter().all(|input| input.contains("motor")), "{}", found.text());
 }

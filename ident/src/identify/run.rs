@@ -348,3 +348,22 @@ fn outputs(
     })
     .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use whirlstand_vehicle::Vehicle;
+
+    use super::*;
+
+    #[test]
+    fn a_vehicle_that_was_fitted_beside_process_noise_is_fitted_beside_it_again() {
+        let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let chosen = |vehicle: &Vehicle| {
+            let problem = Problem::new(vehicle, &[], super::super::Nuisance::default()).unwrap();
+            choose(&problem, &[], false)
+        };
+        assert_eq!(chosen(&vehicle), Noise::White);
+        vehicle.provenance.push(("noise".into(), "kalman".into()));
+        assert_eq!(chosen(&vehicle), Noise::Kalman);
+    }
+}

@@ -77,11 +77,11 @@ fn errors_name_file_line_and_column() {
     let cases = [
         (
             "",
-            "flight.csv, line 1: the first column is '', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another",
+            "flight.csv, line 1: the first column is '', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of ''",
         ),
         (
             "time,y\n0,1\n",
-            "flight.csv, line 1: the first column is 'time', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another",
+            "flight.csv, line 1: the first column is 'time', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of 'time', 'y'",
         ),
         ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
         ("t,y\n0,1\n0,2\n", "flight.csv, line 3: time 0 is not after 0; it must increase from line to line"),
