@@ -37,7 +37,7 @@ use stages::load::Loaded;
 use stages::residual::Residual;
 use stages::select::Selected;
 use stages::weighed::Weighed;
-use thresholds::{MIN_BIC_GAIN, REST_BEFORE_BIC};
+use thresholds::MIN_BIC_GAIN;
 
 /// Diagnoses one or more records of a vehicle. They are dropped as soon as they are on the grid of the search,
 /// because a record at its own rate may be longer than everything that the search needs.
@@ -132,7 +132,7 @@ fn over_commands(loaded: &Loaded<'_>) -> Weighed {
     }
     let held = answered(&loaded.held());
     let stopped = loaded.options.watch.is_stopped();
-    if held.rest_before > REST_BEFORE_BIC && !stopped { answered(loaded) } else { held }
+    if held.rest_before && !stopped { answered(loaded) } else { held }
 }
 
 /// Runs all stages over loaded records.

@@ -129,8 +129,9 @@ impl Noise {
         Profile { noise: self.clone(), log_likelihood: -0.5 * (sum + steps * log_det), rows, parameters }
     }
 
-    /// Whitened and normalised `samples`; 0 in rows that do not count. Likelihoods leave out the first rows, but
-    /// fast modes of the initial state show nowhere else.
+    /// Whitened and normalised `samples`; 0 in rows that do not count. The first rows, which have no past to
+    /// be predicted from, are divided by the noise's total standard deviation: likelihoods leave them out,
+    /// but fast modes of the initial state show nowhere else.
     pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
         let ranges = data.ranges();
         if let Some(common) = &self.common {
@@ -138,12 +139,15 @@ impl Noise {
         }
         let mut out = vec![0.0; samples.len()];
         let whiten = |(c, white): (usize, &mut [f64])| {
-            self.channels[c].whiten_all(&samples[ranges[c].clone()], white);
-            white
-                .iter_mut()
-                .zip(&data.channels[c].good)
-                .filter(|(_, good)| !**good)
-                .for_each(|(e, _)| *e = 0.0);
+            let (channel, range) = (&data.channels[c], ranges[c].clone());
+            let (ar, total, raw) = (&self.channels[c], self.total[c], &samples[range]);
+            ar.filter(raw, white);
+            let over = |std: f64| if std > 0.0 { 1.0 / std } else { 0.0 };
+            let (scale, early) = (over(ar.variance.sqrt()), over(total));
+            let first = white.len().min(MAX_AR_ORDER);
+            white[first..].iter_mut().for_each(|e| *e *= scale);
+            white[..first].iter_mut().zip(raw).for_each(|(e, raw)| *e = raw * early);
+            white.iter_mut().zip(&channel.good).filter(|(_, good)| !**good).for_each(|(e, _)| *e = 0.0);
         };
         let parts = parts(&ranges, &mut out).into_iter().enumerate();
         if data.is_long() {
@@ -154,7 +158,7 @@ impl Noise {
         out
     }
 
-    /// Masks rows that do not count, and scales the first rows by the noise's total standard deviation.
+    /// Masks rows that do not count and scales the first rows, as in [`Noise::whiten`].
     fn masked(&self, data: &Data, raw: &[f64], mut white: Vec<f64>) -> Vec<f64> {
         for ((channel, range), total) in data.channels.iter().zip(data.ranges()).zip(&self.total) {
             let early = if *total > 0.0 { 1.0 / total } else { 0.0 };

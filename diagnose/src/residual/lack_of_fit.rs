@@ -6,8 +6,8 @@
 //! together they explain more than chance would, the named causes are incomplete or wrong.
 
 use crate::thresholds::{
-    GRAM_BLOCK_ROWS, LACK_CERTAIN_P_VALUE, LACK_ENERGY, LACK_P_VALUE, LACK_SIGMAS, PRODUCT_STATES,
-    RELAY_THRESHOLDS, SLOW_TURNS, TESTED_SAMPLES, TESTED_STATES, TESTED_TOGETHER,
+    GRAM_BLOCK_ROWS, LACK_CERTAIN_P_VALUE, LACK_ENERGY, LACK_P_VALUE, LACK_SIGMAS, MAX_AR_ORDER,
+    PRODUCT_STATES, RELAY_THRESHOLDS, SLOW_TURNS, TESTED_SAMPLES, TESTED_STATES, TESTED_TOGETHER,
 };
 use std::ops::Range;
 
@@ -95,10 +95,11 @@ pub fn lack_of_fit(model: &Model<'_, '_>, fit: &Fit, sizes: &Sizes, known: &[usi
         sensors: vehicle.states.len(),
         fit,
     };
-    // Of a long record the beginning suffices; testing all of it would take long.
+    // Of a long record the beginning suffices; testing all of it would take long. The first rows are not white: with
+    // slow noise they would count many times.
     let rows = TESTED_SAMPLES / data.channels.len().max(1);
-    let parts: Vec<Range<usize>> =
-        data.ranges().into_iter().map(|r| r.start..r.end.min(r.start + rows)).collect();
+    let part = |r: Range<usize>| r.end.min(r.start + MAX_AR_ORDER)..r.end.min(r.start + rows);
+    let parts: Vec<Range<usize>> = data.ranges().into_iter().map(part).collect();
     let tested: Vec<&Range<usize>> =
         parts.iter().enumerate().filter(|(c, _)| !known.contains(c)).map(|(_, part)| part).collect();
     // The inner products are sums over the channels: as many channels are processed at a time as fit into

@@ -175,6 +175,9 @@ impl<'a, 'd> Comparison<'a, 'd> {
                 column.iter().copied().enumerate().filter(|(_, b)| *b != 0.0).collect()
             }
         };
+        if pushed.is_empty() {
+            return None;
+        }
         let states: Vec<(usize, f64)> = pushed.iter().map(|(i, _)| (*i, self.slopes[*i])).collect();
         let forces = Forces::new(self.model, self.fit, self.vehicle, &states);
         let columns = |basis: usize| self.columns(&forces, &pushed, bases[basis]());

@@ -32,8 +32,8 @@ pub(crate) struct Residual<'r> {
     pub out_of_library: Option<ForceOnSignal>,
     /// Causes that were found and withdrawn, because their residual is not noise; with their gains in BIC.
     pub withheld: Vec<(Candidate, f64)>,
-    /// Gain in BIC of the causes had the inputs been at rest before the records.
-    pub rest_before: f64,
+    /// True when the causes are likelier with inputs that were at rest before the records.
+    pub rest_before: bool,
 }
 
 impl<'r> Residual<'r> {
@@ -59,7 +59,7 @@ impl<'r> Residual<'r> {
         if let Some(force) = &force {
             lack = lack.map(|lack| LackOfFit::or_one(Some(lack), force.gain));
         }
-        let rest_before = if baseline.data().held { rest_before(&selection) } else { 0.0 };
+        let rest_before = baseline.data().held && rest_before(&selection);
         let mut withheld = Vec::new();
         let asked = lack.is_some() || noise.is_empty() && !baseline.blocked;
         if asked && !watch.is_stopped() {

@@ -6,7 +6,7 @@ use crate::model::fit::{Fit, Model};
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::search::refit::search;
 use crate::search::selection::Selection;
-use crate::thresholds::BEGINNING_S;
+use crate::thresholds::{BEGINNING_S, REST_BEFORE_BIC};
 use whirlstand_vehicle::Kind;
 
 /// The causes with the largest gain, before their residual is analysed.
@@ -33,9 +33,10 @@ impl<'r> Selected<'r> {
     }
 }
 
-/// Gain in BIC of the same causes when the inputs were at rest before the records. A disturbance at the very
-/// beginning may imitate that: it is left out.
-pub(crate) fn rest_before(selection: &Selection<'_, '_>) -> f64 {
+/// True when the inputs were rather at rest before the records: the same causes then gain enough in BIC. A
+/// disturbance at the very beginning may imitate that. It is left out, and as the first command can then not have been
+/// held without it, any gain is enough.
+pub(crate) fn rest_before(selection: &Selection<'_, '_>) -> bool {
     let own = selection.model.free_run.data;
     let data = Data { held: false, ..own.clone() };
     let free_run = FreeRun::new(&selection.model.free_run.vehicle, &data);
@@ -48,5 +49,7 @@ pub(crate) fn rest_before(selection: &Selection<'_, '_>) -> f64 {
     let model = Model { free_run: &free_run, free: selection.model.free, terms: rest.model.terms.clone() };
     let other = model.fit(rest.fit.values, selection.fit.profile.noise.shared(), None);
     let bic = |fit: &Fit, model: &Model<'_, '_>| fit.profile.bic(model.parameters());
-    other.map_or(0.0, |other| bic(&selection.fit, &selection.model) - bic(&other, &model))
+    let imitated = model.terms.len() < selection.model.terms.len();
+    let enough = if imitated { 0.0 } else { REST_BEFORE_BIC };
+    other.is_ok_and(|other| bic(&selection.fit, &selection.model) - bic(&other, &model) > enough)
 }

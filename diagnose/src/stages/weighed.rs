@@ -13,7 +13,7 @@ pub(crate) struct Weighed {
     /// Likelihood of the record with everything that was found; `None` without a prediction.
     pub likelihood: Option<Likelihood>,
     /// Gain in BIC of the causes had the inputs been at rest before the records.
-    pub rest_before: f64,
+    pub rest_before: bool,
     /// True when the data themselves are wrong, so that no predictor helps.
     pub blocked: bool,
     /// True when half or more of the outputs on the held-out part are predicted better than by their means,
@@ -39,7 +39,7 @@ impl Weighed {
     /// An answer without a prediction, which has no likelihood.
     pub fn nothing(answer: Diagnosis) -> Self {
         let blocked = answer.data.iter().any(|f| f.blocking);
-        Self { answer, likelihood: None, rest_before: 0.0, blocked, means_something: false }
+        Self { answer, likelihood: None, rest_before: false, blocked, means_something: false }
     }
 }
 

@@ -137,20 +137,21 @@ mod tests {
 
     #[test]
     fn a_pause_between_two_flights_does_not_slow_a_topic_and_bursts_do() {
-        let topic = |messages: u64, rate_hz: f64, to: f64, longest_gap| TopicInfo {
-            name: "RATE".into(),
-            message_type: "RATE".into(),
-            encoding: "dataflash".into(),
-            messages,
-            from: 0.0,
-            to,
-            rate_hz: Some(rate_hz),
-            lost: 0,
-            gaps: usize::from(longest_gap.is_some()),
-            longest_gap,
-            signals: Vec::new(),
-        };
-        let pause = whirlstand_logs::Gap { from: 20.0, to: 420.0, missing: 20_000 };
+        let topic =
+            |messages: u64, rate_hz: f64, to: f64, longest_gap: Option<whirlstand_logs::Gap>| TopicInfo {
+                name: "RATE".into(),
+                message_type: "RATE".into(),
+                encoding: "dataflash".into(),
+                messages,
+                from: 0.0,
+                to,
+                rate_hz: Some(rate_hz),
+                lost: 0,
+                gaps: usize::from(longest_gap.is_some()),
+                longest_gap,
+                signals: Vec::new(),
+            };
+        let pause = whirlstand_logs::Gap { after: 1000, from: 20.0, to: 420.0, missing: 20_000 };
         assert_eq!(rate_hz(&topic(2001, 50.0, 440.0, Some(pause))), 50.0);
         // Ten messages a millisecond apart, ten times a second.
         assert!((rate_hz(&topic(1001, 1000.0, 10.0, None)) - 200.0).abs() < 1e-9);

@@ -117,34 +117,6 @@ impl Ar {
         filter(&self.coefficients, run, out);
     }
 
-    /// The white part of a whole run of residuals, divided by its standard deviation. Values with fewer than `order`
-    /// predecessors are predicted from those that there are, by the models of lower order of the same process
-    /// (Levinson's recursion; Brockwell and Davis, Time Series, 1991, section 5.2): what follows is as white
-    /// from the first value on as it is later.
-    ///
-    /// # Panics
-    /// When `out` is not as long as the run.
-    pub fn whiten_all(&self, run: &[f64], out: &mut [f64]) {
-        self.filter(run, out);
-        let scale = |variance: f64| if variance > 0.0 { 1.0 / variance.sqrt() } else { 0.0 };
-        let last = scale(self.variance);
-        let first = self.order().min(run.len());
-        out[first..].iter_mut().for_each(|e| *e *= last);
-        let (mut a, mut variance) = (self.coefficients.clone(), self.variance);
-        while let Some(reflection) = a.pop() {
-            let left = (1.0 - reflection * reflection).max(f64::EPSILON);
-            variance /= left;
-            let whole = a.clone();
-            let mirrored = whole.iter().rev();
-            a.iter_mut().zip(mirrored).for_each(|(a, b)| *a = (*a - reflection * b) / left);
-            let k = a.len();
-            if k < first {
-                let past: f64 = a.iter().zip(run[..k].iter().rev()).map(|(a, r)| a * r).sum();
-                out[k] = (run[k] + past) * scale(variance);
-            }
-        }
-    }
-
     /// The white part of a run of residuals, without the first `order` values.
     pub fn whiten(&self, run: &[f64]) -> Vec<f64> {
         let q = self.order();
@@ -264,8 +236,6 @@ fn accumulate(out: &mut [f64], past: &[f64], a: f64) {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{DMatrix, DVector};
-
     use super::*;
     use whirlstand_vehicle::Stream;
 
@@ -289,38 +259,6 @@ mod tests {
         assert!((ar.coefficients[0] + 1.5).abs() < 0.05 && (ar.coefficients[1] - 0.8).abs() < 0.05, "{ar:?}");
         assert!((ar.variance - 1.0).abs() < 0.05);
         assert_eq!(Ar::fit(&[coloured(5000, &[], 3)], 20).order(), 0);
-    }
-
-    #[test]
-    fn a_whole_run_is_white_from_its_first_value_on() {
-        for a in [vec![-0.97], vec![-1.5, 0.8], vec![-1.2, 0.5, 0.1, -0.3]] {
-            let ar = Ar { coefficients: a.clone(), variance: 0.25 };
-            // Autocovariances from the impulse response of 1/A(q).
-            let mut impulse: Vec<f64> = Vec::new();
-            for k in 0..3000 {
-                let past: f64 = (0..a.len().min(k)).map(|i| a[i] * impulse[k - 1 - i]).sum();
-                impulse.push(f64::from(k == 0) - past);
-            }
-            let n = 8;
-            let covariance = |lag: usize| -> f64 {
-                0.25 * impulse.iter().zip(&impulse[lag..]).map(|(x, y)| x * y).sum::<f64>()
-            };
-            let covariance = DMatrix::from_fn(n, n, |i, j| covariance(i.abs_diff(j)));
-            let mut whitener = DMatrix::zeros(n, n);
-            for i in 0..n {
-                let mut unit = vec![0.0; n];
-                unit[i] = 1.0;
-                let mut out = vec![0.0; n];
-                ar.whiten_all(&unit, &mut out);
-                whitener.set_column(i, &DVector::from_vec(out));
-            }
-            let white = &whitener * covariance * whitener.transpose();
-            assert!((white - DMatrix::identity(n, n)).amax() < 1e-9, "{a:?}");
-        }
-        // A run that is shorter than the order.
-        let mut out = [0.0; 1];
-        Ar { coefficients: vec![-1.5, 0.8], variance: 1.0 }.whiten_all(&[2.0], &mut out);
-        assert!(out[0] > 0.0 && out[0] < 2.0);
     }
 
     #[test]

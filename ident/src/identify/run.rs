@@ -357,10 +357,27 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_was_fitted_beside_process_noise_is_fitted_beside_it_again() {
-        let mut vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let text = r#"
+            A = [[-8.0]]
+            B = [[24.0]]
+            states = [{ name = "p" }]
+            inputs = [{ name = "u" }]
+            free = [{ entry = "A[1,1]", lower = -20.0, upper = -1.0, start = -8.0 }]
+        "#;
+        let mut vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        let steps = 50;
+        let segments = [Segment {
+            origin: "steps".into(),
+            start_s: 0.0,
+            first_step: 0,
+            period_s: 0.01,
+            inputs: (0..steps).map(|k| f64::from(k as u32 / 10 % 2)).collect(),
+            outputs: vec![0.0; steps],
+            steps,
+        }];
         let chosen = |vehicle: &Vehicle| {
-            let problem = Problem::new(vehicle, &[], super::super::Nuisance::default()).unwrap();
-            choose(&problem, &[], false)
+            let problem = Problem::new(vehicle, &segments, super::super::Nuisance::default()).unwrap();
+            choose(&problem, &segments, false)
         };
         assert_eq!(chosen(&vehicle), Noise::White);
         vehicle.provenance.push(("noise".into(), "kalman".into()));

@@ -176,7 +176,10 @@ impl Columns {
                 let listed = heads.iter().take(COLUMNS_TOLD).map(|head| format!("'{head}'"));
                 let more = heads.len().saturating_sub(COLUMNS_TOLD);
                 let more = (more > 0).then(|| format!("{more} more"));
-                let columns = listed.chain(more).collect::<Vec<_>>().join(", ");
+                let columns = match listed.chain(more).collect::<Vec<_>>() {
+                    none if none.is_empty() => "none".into(),
+                    some => some.join(", "),
+                };
                 return Err(CsvError::NoTime { path: path.into(), found, columns });
             }
         };

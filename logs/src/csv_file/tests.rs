@@ -77,7 +77,7 @@ fn errors_name_file_line_and_column() {
     let cases = [
         (
             "",
-            "flight.csv, line 1: the first column is '', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of ''",
+            "flight.csv, line 1: the first column is '', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of none",
         ),
         (
             "time,y\n0,1\n",
