@@ -148,8 +148,8 @@ fn figure(key: &str, timing: &Timing, figures: Option<&RunSummary>) -> Option<Fi
         "max_restarts" => Some(Figure::Value(timing.restarts as f64)),
         "max_failsafe_share" => Some(Figure::Value(timing.failsafe_share)),
         "max_failsafe_at_end" => Some(Figure::Value(timing.failsafe_at_end as f64)),
-        "max_disarmed_share" => Some(Figure::Value(timing.disarmed_share)),
-        "max_pilot_share" => Some(Figure::Value(timing.pilot_share)),
+        "max_disarmed_share" => timing.disarmed_share.map(Figure::Value),
+        "max_pilot_share" => timing.pilot_share.map(Figure::Value),
         "max_refused_commands" => Some(Figure::Value(rejected(timing, |node| node == "plant"))),
         "max_rejected" => Some(Figure::Value(rejected(timing, |node| node != "plant"))),
         "max_latency_p99_s" => plant.map(|l| Figure::Value(l.p99_us * 1e-6)),
@@ -274,6 +274,27 @@ mod tests {
         );
         let calm = Timing::default();
         assert!(check(&strict_limits(false), &calm, None).iter().all(|c| c.holds));
+    }
+
+    #[test]
+    fn who_was_in_charge_behind_a_bridge_holds_only_where_it_was_measured() {
+        let whys = |disarmed_share, pilot_share| {
+            let timing = Timing { disarmed_share, pilot_share, ..Timing::default() };
+            let all = check(&strict_bridge_limits(), &timing, None);
+            all.into_iter().map(|c| c.why.unwrap_or_default()).collect::<Vec<_>>()
+        };
+        assert_eq!(whys(Some(0.0), Some(0.0)), ["", ""]);
+        assert_eq!(
+            whys(Some(1.0), Some(0.25)),
+            ["max_disarmed_share is 1, above the limit 0", "max_pilot_share is 0.250, above the limit 0"]
+        );
+        assert_eq!(
+            whys(None, None),
+            [
+                "max_disarmed_share was not measured in this run",
+                "max_pilot_share was not measured in this run"
+            ]
+        );
     }
 
     #[test]

@@ -93,6 +93,8 @@ impl Nodes {
             Some(NodeState::Starting) => "starting",
             Some(NodeState::Running) => "running",
             Some(NodeState::Failsafe) => "failsafe",
+            Some(NodeState::Disarmed) => "disarmed",
+            Some(NodeState::Manual) => "manual",
             None => "unknown",
         };
         NodeRow {

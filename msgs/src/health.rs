@@ -75,14 +75,18 @@ pub enum NodeState {
     Failsafe = 2,
     /// Shutting down.
     Stopping = 3,
+    /// A bridge in the loop sends neutral, because nobody has armed.
+    Disarmed = 4,
+    /// A bridge in the loop leaves the vehicle to its pilot.
+    Manual = 5,
 }
 
 impl NodeState {
     /// The state for a number in [`Health::state`]; `None` for an unknown number.
     pub fn from_u32(value: u32) -> Option<Self> {
-        [Self::Starting, Self::Running, Self::Failsafe, Self::Stopping]
-            .into_iter()
-            .find(|s| *s as u32 == value)
+        let all =
+            [Self::Starting, Self::Running, Self::Failsafe, Self::Stopping, Self::Disarmed, Self::Manual];
+        all.into_iter().find(|s| *s as u32 == value)
     }
 }
 

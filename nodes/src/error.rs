@@ -124,6 +124,16 @@ pub enum NodeError {
         /// Number of bytes or packets that are not of its protocol.
         malformed: u64,
     },
+    /// The autopilot behind a bridge was not armed.
+    #[error("{name} was not armed within {waited_s} s{reason}")]
+    NotArmed {
+        /// Name of the autopilot.
+        name: &'static str,
+        /// Waiting time of the bridge, s.
+        waited_s: f64,
+        /// The reason as the autopilot reports it, or where to find it; with its punctuation.
+        reason: String,
+    },
     /// The operating system refused a real-time option.
     #[error(transparent)]
     Realtime(#[from] RealtimeError),
@@ -141,6 +151,16 @@ pub enum NodeError {
 }
 
 impl NodeError {
+    /// Error for an autopilot that was never armed; `said` is the reason that it reported, and `advice` where to
+    /// find one.
+    pub(crate) fn not_armed(name: &'static str, waited_s: f64, said: Option<&str>, advice: &str) -> Self {
+        let reason = match said {
+            Some(words) => format!(": {words}"),
+            None => format!(", and has not said why: {advice}"),
+        };
+        Self::NotArmed { name, waited_s, reason }
+    }
+
     /// Error for a vehicle whose attitude never arrived.
     pub(crate) fn no_vehicle(waited_s: f64, figures: &Figures) -> Self {
         let Figures { bytes, messages, signature, .. } = *figures;

@@ -185,7 +185,8 @@ impl Peers {
 
     fn runs(&self, role: Role) -> bool {
         let state = self.health(role).and_then(|peer| peer.state);
-        matches!(state, Some(NodeState::Running | NodeState::Failsafe))
+        use NodeState::{Disarmed, Failsafe, Manual, Running};
+        matches!(state, Some(Running | Failsafe | Disarmed | Manual))
     }
 
     /// Peers of this node that are not yet `Running`.

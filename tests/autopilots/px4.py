@@ -2,18 +2,22 @@
 
     px4.py PORT REPORT [--free] [--reconnect-after STEPS] [--pty NAME] [--disarmed] [--telemetry PORT] [--turned AXIS]
            [--wait-for FILE] [--replay-after STEPS] [--beyond] [--station SECONDS] [--ground PORT] [--bits]
+           [--slow SECONDS] [--disarm-after STEPS] [--die-after STEPS] [--reboot-after STEPS] [--mark SECONDS]
 
 `--free`: without lockstep, as hardware in the loop is; `--pty`: over a serial line of that name, as it is as well.
 `--telemetry`: tells its attitude to a ground station; `--turned`: with the wrong sign of one axis.
 `--wait-for`: connects once that file is there; `--replay-after`: says the same outputs again and again from then on; `--beyond`:
 with outputs that go beyond their range. `--station`: armed by a ground station on the same line, which its checks allow after so long.
 `--ground`: it speaks to stations at that UDP port alone, as software in the loop does; `--bits`: it says why it does not arm with the
-health bits of SYS_STATUS alone.
+health bits of SYS_STATUS alone. `--slow`: it takes so long to answer; `--disarm-after`: not armed from then on; `--die-after`: it
+kills itself; `--reboot-after`: it is silent for a second, begins anew with its clock at zero, and is armed once more half a second
+later. `--mark`: it says so when so much time has passed since its first sensors.
 """
 
 import argparse
 import math
 import os
+import signal
 import socket
 import time
 import tty
@@ -113,6 +117,11 @@ def main():
     parser.add_argument("--station", type=float)
     parser.add_argument("--ground", type=int)
     parser.add_argument("--bits", action="store_true")
+    parser.add_argument("--slow", type=float, default=0.0)
+    parser.add_argument("--disarm-after", type=int)
+    parser.add_argument("--die-after", type=int)
+    parser.add_argument("--reboot-after", type=int)
+    parser.add_argument("--mark", type=float)
     args = parser.parse_args()
     report = flight.Report(args.report)
     flight.end_in_order(report)
@@ -145,6 +154,7 @@ def converse(link, args, report, seen, steps):
     send(mav.command_long_encode(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0))
     attitude, last, turned, began = flight.Attitude(), None, 0.0, None
     first_time = None
+    silent_until, marked = None, args.mark is None
     telemetry = flight.Telemetry(args.telemetry, 12) if args.telemetry else None
     ground = Ground(args.ground) if args.ground else None
     tell = (ground.mav, ground.send) if ground else (mav, send)
@@ -178,6 +188,12 @@ def converse(link, args, report, seen, steps):
                 report["roll_error"] = max(report.notes.get("roll_error", 0.0), abs(truth - (attitude.roll or truth)))
             if kind != "HIL_SENSOR":
                 continue
+            if silent_until is not None and time.monotonic() < silent_until:
+                continue
+            began = began or time.monotonic()
+            if not marked and time.monotonic() > began + args.mark:
+                marked = True
+                print(f"{args.mark:g} s have passed", flush=True)
             check_sensor(report, message, last)
             first_time = first_time or message.time_usec
             dt = 0.0 if last is None else (message.time_usec - last) * 1e-6
@@ -188,6 +204,8 @@ def converse(link, args, report, seen, steps):
             armed = last - first_time > 500_000 and not args.disarmed
             if station:
                 armed = station.armed
+            if args.disarm_after and steps >= args.disarm_after:
+                armed = False
             if telemetry:
                 telemetry.attitude(last // 1000, attitude.told(args.turned))
             controls = flight.quad_x(*flight.level(attitude, gyro)) if armed else [0.0] * 4
@@ -195,8 +213,19 @@ def converse(link, args, report, seen, steps):
             if args.beyond and steps % 100 == 99:
                 controls[2] = 1.5
             steps += 1
+            if args.die_after == steps:
+                report.write()
+                os.kill(os.getpid(), signal.SIGKILL)
+            if args.reboot_after == steps:
+                first_time, silent_until = None, time.monotonic() + 1.0
+                report["reboots"] = report.notes.get("reboots", 0) + 1
+                continue
             if not args.replay_after or steps <= args.replay_after:
-                said = mav.hil_actuator_controls_encode(last, controls, 129 if armed else 1, 0 if args.free else 1)
+                # Its clock is that of the sensors, until it has rebooted.
+                clock = last if silent_until is None else last - first_time
+                said = mav.hil_actuator_controls_encode(clock, controls, 129 if armed else 1, 0 if args.free else 1)
+            if args.slow:
+                time.sleep(args.slow)
             send(said)
             report["steps"] = steps
             if args.reconnect_after == steps:

@@ -60,6 +60,7 @@ class Autopilot:
         self.disarmed = False
         self.events = json.loads(options.events)
         self.neutral, self.lasted = None, 0
+        self.told = False
         self.hand = Hand(options.turned.split(","), options.reversed.split(",")) if options.hand else None
         self.pilot = Pilot(json.loads(options.pilot)) if options.pilot else None
         self.override = None
@@ -191,16 +192,20 @@ class Autopilot:
 
     def happen(self):
         """The next event, when the override has been for a while as it awaits; false when it is the end."""
-        if not self.events or not self.lasted >= LASTING:
+        if not self.events:
             return True
-        if (self.events[0]["when"] == "neutral") != self.neutral:
+        event = self.events[0]
+        if event["when"] == "told":
+            if not self.told:
+                return True
+        elif not self.lasted >= event.get("for", LASTING) or (event["when"] == "neutral") != self.neutral:
             return True
         what = self.events.pop(0)["do"]
         if what in ("silence", "speak"):
             self.silent = what == "silence"
         elif what in ("disarm", "arm"):
             self.disarmed, self.next_beat = what == "disarm", 0.0
-        elif what != "end":
+        elif what not in ("note", "end"):
             raise ValueError(f"no event is called {what}")
         self.history.append((round(self.now(), 4), what, []))
         self.lasted = 0
@@ -315,7 +320,7 @@ def main():
     parser.add_argument("--boot", type=float, default=100.0, help="age of this autopilot at the start, s")
     parser.add_argument("--arm-after", type=float, default=1.0, help="s after the first override")
     parser.add_argument("--seconds", type=float, default=1e9)
-    parser.add_argument("--events", default="[]", help='JSON: [{"when": "moved" or "neutral", "do": ...}, ...]')
+    parser.add_argument("--events", default="[]", help='JSON: [{"when": "moved", "neutral" or "told" (SIGUSR1), "for": overrides, "do": ...}, ...]')
     parser.add_argument("--hand", action="store_true", help="somebody turns it as standard input asks")
     parser.add_argument("--turned", default="", help="axes that are told with the wrong sign then")
     parser.add_argument("--reversed", default="", help="axes whose stick moves its channel the other way")
@@ -327,6 +332,7 @@ def main():
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: asked.append(True))
     autopilot = Autopilot(options)
+    signal.signal(signal.SIGUSR1, lambda *_: setattr(autopilot, "told", True))
     try:
         if os.environ.get("WHIRLSTAND_BENCH"):
             fly_bench(autopilot, lambda: bool(asked))

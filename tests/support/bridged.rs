@@ -74,6 +74,15 @@ pub fn what_the_controller_flew_alone_is_learned_from(out: &str, vehicle: &str, 
     let value = gain["value"].as_f64().unwrap();
     assert!((-1.5..-0.8).contains(&value), "-1.1045 in truth: {gain}\n{}", identified.stdout);
 
+    // The simulation follows the first stretch under the inputs that acted; a free run does not survive the gap.
+    let compared = run(["compare", out, "--vehicle", vehicle, "--to", "14"].iter().chain(&told)).success();
+    assert!(compared.stderr.contains("in 2 stretches; nothing else is used"), "{}", compared.stderr);
+    println!("{}", compared.stdout);
+    for axis in ["roll", "pitch"] {
+        let fit = json(&answer)["outputs"][axis]["fit"].as_f64();
+        assert!(fit.is_some_and(|percent| percent > 80.0), "{axis}: {fit:?}\n{}", compared.stdout);
+    }
+
     // The results found by then are enough here.
     let diagnosed = run(["diagnose", out, "--vehicle", vehicle, "--budget", "30 s"].iter().chain(&told));
     assert!([0, 3].contains(&diagnosed.code()), "{}", diagnosed.stderr);

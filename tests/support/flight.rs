@@ -59,6 +59,21 @@ impl Flying {
         eprintln!("{words}: {:.1} s after the bench was started", self.started.elapsed().as_secs_f64());
     }
 
+    /// Waits until the bench prints `words`, which must be before the line with `mark`.
+    #[track_caller]
+    pub fn wait_for_before(&mut self, words: &str, mark: &str) {
+        let line = self.bench.wait_for_stderr_of(&[words, mark]);
+        assert!(line.contains(words), "not before {line:?}: {words}");
+    }
+
+    /// Waits for the end of a bench that fails.
+    #[track_caller]
+    pub fn fail(self) -> Finished {
+        let end = self.bench.finish();
+        assert_eq!(end.code(), 1, "{}\n{}", end.stdout, end.stderr);
+        end
+    }
+
     /// Waits for the end.
     #[track_caller]
     pub fn finish(self) -> Flight {

@@ -113,16 +113,22 @@ impl Running {
     /// or hangs.
     #[track_caller]
     pub fn wait_for_stderr(&mut self, text: &str) -> String {
+        self.wait_for_stderr_of(&[text])
+    }
+
+    /// As [`Running::wait_for_stderr`], for a line that contains any of `texts`.
+    #[track_caller]
+    pub fn wait_for_stderr_of(&mut self, texts: &[&str]) -> String {
         let until = Instant::now() + HUNG;
         while let Ok(line) = self.stderr_lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
-            let found = line.contains(text);
+            let found = texts.iter().any(|text| line.contains(text));
             self.shown.push_str(&line);
             self.shown.push('\n');
             if found {
                 return line;
             }
         }
-        panic!("no line with {text:?} in:\n{}", self.shown);
+        panic!("no line with {texts:?} in:\n{}", self.shown);
     }
 
     /// Waits for the end, at most [`HUNG`].

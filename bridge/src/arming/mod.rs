@@ -38,6 +38,8 @@ pub struct Policy {
 pub struct Conditions {
     /// State of the arm switch or of the autopilot's report; unused with [`ArmBy::Start`].
     pub arm: bool,
+    /// True once that state was received since the bridge started: before it, `arm` is false.
+    pub arm_is_known: bool,
     /// True while messages from the vehicle arrive.
     pub link: bool,
     /// Age of the attitude; `None` before the first.
@@ -135,6 +137,8 @@ pub struct Arming {
     mode: Mode,
     /// True after the arm was off, so that a later on counts.
     seen_off: bool,
+    /// True after this bridge was restarted during a run, until the arm was off.
+    came_back: bool,
     /// Condition that prevented a requested arm.
     refused: Option<Reason>,
     good_since: Option<Duration>,
@@ -145,7 +149,7 @@ impl Arming {
     pub fn new(policy: Policy) -> Self {
         // An autopilot may be in the air when the bench starts; a switch must be moved.
         let seen_off = policy.arm != ArmBy::Switch;
-        Self { policy, mode: Mode::Disarmed, seen_off, refused: None, good_since: None }
+        Self { policy, mode: Mode::Disarmed, seen_off, came_back: false, refused: None, good_since: None }
     }
 
     /// The current mode.
@@ -166,8 +170,10 @@ impl Arming {
             None => self.good_since.or(Some(now)),
             Some(_) => None,
         };
+        // A bridge that came back has to hear of the disarm: what it has not yet received is none.
+        let waits = self.came_back && !c.arm_is_known;
         let next = match self.mode {
-            _ if !asked => self.put_down(),
+            _ if !asked && !waits => self.put_down(),
             Mode::Disarmed => self.try_to_arm(c, broken),
             Mode::Automatic | Mode::Manual => self.in_charge(c, broken),
             Mode::Failed(reason) => self.after_failure(c, reason, broken, now),
@@ -180,6 +186,7 @@ impl Arming {
     /// Begins during a run, because the previous bridge died: a previous arm does not count any more.
     pub fn come_back(&mut self) -> Mode {
         self.mode = Mode::Failed(Reason::BridgeRestarted);
+        self.came_back = true;
         self.good_since = None;
         self.mode
     }
@@ -203,6 +210,7 @@ impl Arming {
 
     fn put_down(&mut self) -> Mode {
         self.seen_off = true;
+        self.came_back = false;
         self.refused = Some(Reason::NotArmed);
         Mode::Disarmed
     }

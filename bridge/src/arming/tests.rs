@@ -3,6 +3,7 @@ use proptest::prelude::*;
 
 const GOOD: Conditions = Conditions {
     arm: true,
+    arm_is_known: true,
     link: true,
     data_age: Some(Duration::from_millis(5)),
     data_interval: Some(Duration::from_millis(10)),
@@ -138,7 +139,7 @@ prop_compose! {
     ) -> Conditions {
         let [arm, link, vehicle_well, commands, finite, estimate, signs] = bits;
         let pilot = pilot.map(|(present, neutral, automatic)| PilotView { present, neutral, automatic });
-        Conditions { arm, link, data_age: age.map(at), data_interval: None, vehicle_well, commands, finite, estimate, signs, pilot }
+        Conditions { arm, arm_is_known: true, link, data_age: age.map(at), data_interval: None, vehicle_well, commands, finite, estimate, signs, pilot }
     }
 }
 
@@ -170,11 +171,24 @@ fn a_bridge_that_was_started_again_waits_for_a_new_arm() {
     for by in [ArmBy::Autopilot, ArmBy::Switch] {
         let mut a = arming(by);
         assert_eq!(a.come_back(), Mode::Failed(Reason::BridgeRestarted));
+        let silent = Conditions { arm: false, arm_is_known: false, link: false, data_age: None, ..GOOD };
+        assert_eq!(a.update(&silent, at(0)), None, "nothing was received yet, which is no disarm");
         assert_eq!(a.update(&GOOD, at(0)), None, "what was armed before it died");
         assert_eq!(a.update(&GOOD, at(60_000)), None);
         assert_eq!(a.update(&off, at(60_001)), Some(Mode::Disarmed));
         assert_eq!(a.update(&GOOD, at(60_002)), Some(Mode::Automatic));
     }
+    // The pilot's radio is heard last of all, with its arm switch on.
+    let mut a = arming(ArmBy::Switch);
+    a.come_back();
+    let absent = Some(PilotView { present: false, ..PILOT });
+    let silent = Conditions { arm: false, arm_is_known: false, pilot: absent, ..GOOD };
+    assert_eq!(a.update(&silent, at(0)), Some(Mode::Failed(Reason::PilotLost)));
+    assert_eq!(a.update(&silent, at(1)), None, "no disarm either");
+    let heard = Conditions { pilot: Some(PILOT), ..GOOD };
+    assert_eq!(a.update(&heard, at(2)), None, "what was armed before it died");
+    assert_eq!(a.update(&Conditions { arm: false, ..heard }, at(3)), Some(Mode::Disarmed));
+    assert_eq!(a.update(&heard, at(4)), Some(Mode::Automatic));
     let mut start = arming(ArmBy::Start);
     start.come_back();
     assert_eq!(start.update(&GOOD, at(60_000)), None);

@@ -17,13 +17,15 @@ impl Vehicle {
                 (linked && *quality != Some(0), true, false)
             }
         };
-        let arm = match self.safety.arm {
-            ArmBy::Switch => self.pilot.as_ref().is_some_and(Pilot::arm),
-            ArmBy::Autopilot => armed,
-            ArmBy::Start => true,
+        let pilot = self.pilot.as_ref().map(|p| p.view(now));
+        let (arm, arm_is_known) = match self.safety.arm {
+            ArmBy::Switch => (self.pilot.as_ref().is_some_and(Pilot::arm), pilot.is_some_and(|p| p.present)),
+            ArmBy::Autopilot => (armed, link),
+            ArmBy::Start => (true, true),
         };
         Conditions {
             arm,
+            arm_is_known,
             link,
             data_age: self.telemetry.age(Group::Attitude, now),
             data_interval: self.telemetry.interval(),
@@ -32,7 +34,7 @@ impl Vehicle {
             finite: self.finite,
             estimate: self.watch.is_good(),
             signs: self.signs.wrong().is_none(),
-            pilot: self.pilot.as_ref().map(|p| p.view(now)),
+            pilot,
         }
     }
 

@@ -8,7 +8,7 @@ const NOT_ARMED: u32 = 3;
 /// Steps of a run behind a bridge, from the first one in which the controller or the pilot was in charge, or the
 /// autopilot was armed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct ChargeSteps {
+pub struct ChargeSteps {
     /// Number of all reported steps.
     told: u64,
     /// Number of steps from the first armed one on.
@@ -16,34 +16,41 @@ pub(crate) struct ChargeSteps {
     disarmed: u64,
     pilot: u64,
     /// Steps in failsafe, and those of them at the end.
-    pub failsafe: u64,
-    pub failsafe_at_end: u64,
+    pub(crate) failsafe: u64,
+    pub(crate) failsafe_at_end: u64,
 }
 
 impl ChargeSteps {
     pub(crate) fn take_sent(&mut self, m: &Sent) {
-        self.take(m.in_charge);
+        self.take(m.in_charge, 1);
     }
 
     pub(crate) fn take_autopilot(&mut self, m: &Autopilot) {
-        self.take(match m.fault {
+        let in_charge = match m.fault {
             0 => charge::CONTROLLER,
             NOT_ARMED => charge::NOBODY,
             _ => charge::FAILSAFE,
-        });
+        };
+        self.take(in_charge, 1);
     }
 
-    fn take(&mut self, in_charge: u32) {
-        self.told += 1;
-        self.failsafe_at_end = if in_charge == charge::FAILSAFE { self.failsafe_at_end + 1 } else { 0 };
+    /// Counts consecutive steps with this source of the outputs, one of [`charge`].
+    pub fn take(&mut self, in_charge: u32, steps: u64) {
+        let add = |count: &mut u64| *count = count.saturating_add(steps);
+        add(&mut self.told);
+        if in_charge == charge::FAILSAFE {
+            add(&mut self.failsafe_at_end);
+        } else {
+            self.failsafe_at_end = 0;
+        }
         if self.flown == 0 && in_charge == charge::NOBODY {
             return;
         }
-        self.flown += 1;
+        add(&mut self.flown);
         match in_charge {
-            charge::NOBODY => self.disarmed += 1,
-            charge::PILOT => self.pilot += 1,
-            charge::FAILSAFE => self.failsafe += 1,
+            charge::NOBODY => add(&mut self.disarmed),
+            charge::PILOT => add(&mut self.pilot),
+            charge::FAILSAFE => add(&mut self.failsafe),
             _ => {}
         }
     }
@@ -54,11 +61,11 @@ impl ChargeSteps {
     }
 
     /// Shares of the steps from the first armed one on that were disarmed, and in the pilot's hands. A run in which nobody ever
-    /// armed was disarmed as a whole.
-    pub(crate) fn shares(&self) -> (f64, f64) {
+    /// armed was disarmed as a whole. `None` when no step was reported.
+    pub fn shares(&self) -> Option<(f64, f64)> {
         let share = |steps: u64| steps as f64 / self.flown.max(1) as f64;
-        let never = self.told > 0 && self.flown == 0;
-        (if never { 1.0 } else { share(self.disarmed) }, share(self.pilot))
+        let disarmed = if self.flown == 0 { 1.0 } else { share(self.disarmed) };
+        (self.told > 0).then(|| (disarmed, share(self.pilot)))
     }
 }
 
@@ -68,15 +75,15 @@ mod tests {
 
     fn shares(of: &[u32]) -> (f64, f64, u64, u64) {
         let mut steps = ChargeSteps::default();
-        of.iter().for_each(|c| steps.take(*c));
-        let (disarmed, pilot) = steps.shares();
+        of.iter().for_each(|c| steps.take(*c, 1));
+        let (disarmed, pilot) = steps.shares().unwrap();
         (disarmed, pilot, steps.failsafe, steps.failsafe_at_end)
     }
 
     #[test]
     fn time_before_the_first_arm_counts_only_when_nothing_else_came() {
         use charge::{CONTROLLER as C, FAILSAFE as F, NOBODY as N, PILOT as P};
-        assert_eq!(shares(&[]), (0.0, 0.0, 0, 0));
+        assert_eq!(ChargeSteps::default().shares(), None, "nothing was reported");
         assert_eq!(shares(&[N, N, N]), (1.0, 0.0, 0, 0));
         assert_eq!(shares(&[N, N, C, C]), (0.0, 0.0, 0, 0));
         assert_eq!(shares(&[N, C, N, P, F, C, C, F]), (1.0 / 7.0, 1.0 / 7.0, 2, 1));
@@ -84,6 +91,6 @@ mod tests {
         for fault in [3, 0, 0, 3] {
             steps.take_autopilot(&Autopilot { fault, ..whirlstand_msgs::Message::zeroed() });
         }
-        assert_eq!(steps.shares().0, 1.0 / 3.0);
+        assert_eq!(steps.shares(), Some((1.0 / 3.0, 0.0)));
     }
 }

@@ -11,7 +11,7 @@ mod step;
 mod timing;
 mod window;
 
-pub(crate) use charge::ChargeSteps;
+pub use charge::ChargeSteps;
 pub use disturbance::{Recovery, recovery};
 pub use effort::Effort;
 pub(crate) use effort::EffortSum;

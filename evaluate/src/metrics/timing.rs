@@ -58,11 +58,13 @@ pub struct Timing {
     #[serde(default)]
     pub failsafe_at_end: u64,
     /// Behind a bridge: share of the steps in which nobody was in charge, from the first armed one on; 1 when nobody armed.
+    /// `None` when it was not measured.
     #[serde(default)]
-    pub disarmed_share: f64,
-    /// Behind a bridge to a vehicle: share of the same steps in which the pilot was in charge.
+    pub disarmed_share: Option<f64>,
+    /// Behind a bridge to a vehicle: share of the same steps in which the pilot was in charge. `None` when it was not
+    /// measured.
     #[serde(default)]
-    pub pilot_share: f64,
+    pub pilot_share: Option<f64>,
     /// Number of messages lost, all nodes together.
     pub lost: u64,
     /// Number of restarts, all nodes together.
@@ -129,7 +131,7 @@ pub(crate) struct FailsafeSteps {
 impl Timing {
     /// Adds the shares of steps in which nobody or the pilot was in charge behind a bridge.
     pub(crate) fn witness_charge(&mut self, steps: &ChargeSteps) {
-        (self.disarmed_share, self.pilot_share) = steps.shares();
+        (self.disarmed_share, self.pilot_share) = steps.shares().unzip();
         self.witness_failsafe(steps.failsafe, steps.failsafe_at_end, steps.of_steps());
     }
 

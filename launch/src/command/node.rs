@@ -37,7 +37,9 @@ pub(crate) fn node(args: &NodeArgs) -> Result<ExitCode, Failure> {
     match whirlstand_nodes::run_node(role, &config) {
         Ok(_) => Ok(ExitCode::SUCCESS),
         Err(e) if is_mendable(&e) => Err(Failure::mend(e)),
-        Err(e @ NodeError::Diverged { .. }) => Err(Failure::Final(e.to_string())),
+        Err(
+            e @ (NodeError::Diverged { .. } | NodeError::NotArmed { .. } | NodeError::NoAutopilot { .. }),
+        ) => Err(Failure::Final(e.to_string())),
         Err(e) => Err(Failure::run(e)),
     }
 }

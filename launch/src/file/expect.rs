@@ -83,10 +83,14 @@ mod tests {
     use super::*;
 
     fn expectations(text: &str) -> Result<Vec<Expectation>, LaunchError> {
+        expectations_of(text, false)
+    }
+
+    fn expectations_of(text: &str, is_bridged: bool) -> Result<Vec<Expectation>, LaunchError> {
         let document = Document::parse("a.toml", text).unwrap();
         let whole: BTreeMap<String, BTreeMap<String, serde::de::IgnoredAny>> = document.read().unwrap();
         let keys: Vec<&String> = whole["expect"].keys().collect();
-        read(&document, &Vehicle::builtin("quadrotor").unwrap(), Mode::Lockstep, false, &keys)
+        read(&document, &Vehicle::builtin("quadrotor").unwrap(), Mode::Lockstep, is_bridged, &keys)
     }
 
     #[test]
@@ -118,6 +122,19 @@ mod tests {
         };
         assert_eq!(limits("[expect]\n"), strict(0.0));
         assert_eq!(limits("[expect]\nmax_restarts = 3\n"), strict(3.0));
+    }
+
+    #[test]
+    fn behind_a_bridge_nobody_but_the_controller_may_be_in_charge_unless_the_file_says_otherwise() {
+        let shares = |text, is_bridged| {
+            let all = expectations_of(text, is_bridged).unwrap();
+            let limit = |key: &str| all.iter().find(|e| e.key == key).map(|e| e.limit);
+            assert_eq!(all.iter().filter(|e| e.key == "max_pilot_share").count(), usize::from(is_bridged));
+            (limit("max_disarmed_share"), limit("max_pilot_share"))
+        };
+        assert_eq!(shares("[expect]\n", false), (None, None));
+        assert_eq!(shares("[expect]\n", true), (Some(0.0), Some(0.0)));
+        assert_eq!(shares("[expect]\nmax_pilot_share = 0.5\n", true), (Some(0.0), Some(0.5)));
     }
 
     #[test]

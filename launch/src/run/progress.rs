@@ -88,6 +88,8 @@ impl Progress {
         let state = match NodeState::from_u32(plant.latest.state) {
             Some(NodeState::Failsafe) => "  FAILSAFE",
             Some(NodeState::Starting) => "  waiting for the other nodes",
+            Some(NodeState::Disarmed) => "  not armed",
+            Some(NodeState::Manual) => "  in the pilot's hands",
             _ => "",
         };
         let text = format!(

@@ -7,7 +7,7 @@ use whirlstand_evaluate::expectation::{CheckedExpectation, check};
 use whirlstand_evaluate::metrics::{NodeTiming, Timing, latency, total};
 use whirlstand_evaluate::{Run, RunSummary};
 
-use whirlstand_nodes::config::Mode;
+use whirlstand_nodes::config::{Mode, Role};
 
 use super::one::FinishedRun;
 use super::reproducible::reasons_against;
@@ -74,6 +74,7 @@ pub(super) fn summarise(variant: Option<&str>, plan: &Plan, ran: FinishedRun) ->
         let failsafe = plant.failsafe();
         timing.witness_failsafe(failsafe.steps, failsafe.at_end, plant.counts().steps);
     }
+    witness_charge(&mut timing, plan, &ran.outcome.health);
     let expect = match ran.outcome.ending {
         // An unfinished run cannot show that anything holds.
         Ending::Complete => check(&plan.expect, &timing, figures.as_ref()),
@@ -133,6 +134,20 @@ fn gaps(run: &Run, health: &HealthTable) -> Vec<String> {
         ));
     }
     gaps
+}
+
+/// Adds who was in charge where the log does not hold it: a bridge reports it with its health, and without a bridge
+/// the controller is in charge throughout.
+fn witness_charge(timing: &mut Timing, plan: &Plan, health: &HealthTable) {
+    let (disarmed, pilot) = match &plan.config.bridge {
+        None => (Some(0.0), Some(0.0)),
+        Some(bridge) => {
+            let role = if bridge.kind.is_vehicle() { Role::Plant } else { Role::Controller };
+            health.get(role.name()).and_then(|node| node.charge().shares()).unzip()
+        }
+    };
+    timing.disarmed_share = timing.disarmed_share.or(disarmed);
+    timing.pilot_share = timing.pilot_share.or(pilot);
 }
 
 /// Timing figures that the nodes reported to the launcher.

@@ -49,7 +49,8 @@ struct RunEntry {
     ended: EndEntry,
     /// Requested rate of the loop, Hz.
     rate_hz: f64,
-    law: serde_json::Value,
+    /// The law, or the name of the autopilot that replaces it.
+    law: String,
     steps: u64,
     wall_s: f64,
     steps_per_s: f64,
@@ -188,7 +189,7 @@ fn of_run(run: &Summarised) -> RunEntry {
             restarts: run.restarts.iter().cloned().collect(),
         },
         rate_hz: 1e9 / run.plan.config.period_ns as f64,
-        law: serde_json::to_value(run.plan.config.controller.law).unwrap_or_default(),
+        law: super::law(&run.plan.config),
         steps: run.steps,
         wall_s: run.wall_s,
         steps_per_s: run.steps as f64 / run.wall_s.max(1e-9),

@@ -79,7 +79,7 @@ fn of_run(run: &Summarised) -> String {
         row("failsafe", style::bad(&format!("{} steps", run.timing.failsafe_steps)));
     }
     for (share, what) in [(run.timing.disarmed_share, "disarmed"), (run.timing.pilot_share, "pilot")] {
-        if share > 0.0 {
+        if let Some(share) = share.filter(|share| *share > 0.0) {
             row(what, style::bad(&format!("{:.1} % of the flight", 100.0 * share)));
         }
     }

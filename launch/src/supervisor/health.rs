@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use whirlstand_evaluate::metrics::total;
-use whirlstand_msgs::{Health, LATENCY_BUCKETS, NodeState};
+use whirlstand_evaluate::metrics::{ChargeSteps, total};
+use whirlstand_msgs::{Health, LATENCY_BUCKETS, NodeState, charge};
 
 /// Counts of one node over the whole run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -51,6 +51,7 @@ pub(crate) struct NodeHealth {
     /// Counts of the node's earlier processes.
     before: Counts,
     failsafe: Failsafe,
+    charge: ChargeSteps,
 }
 
 /// Steps that a node spent in failsafe. A node reports every change of its state at once, with its step.
@@ -88,6 +89,35 @@ impl NodeHealth {
     pub fn failsafe(&self) -> Failsafe {
         self.failsafe
     }
+
+    /// Steps by who was in charge, according to the reports of a bridge.
+    pub fn charge(&self) -> &ChargeSteps {
+        &self.charge
+    }
+
+    /// Takes in the report that follows the latest one.
+    fn update(&mut self, health: Health, now: Instant) {
+        let before = self.latest;
+        if before.pid != health.pid {
+            self.before = self.counts();
+        } else if let Some(in_charge) = in_charge(&before) {
+            self.charge.take(in_charge, health.head.step.saturating_sub(before.head.step));
+        }
+        self.failsafe.update(&before, &health);
+        self.latest = health;
+        self.received_at = now;
+    }
+}
+
+/// Who was in charge in the steps that follow a report; `None` outside the loop.
+fn in_charge(health: &Health) -> Option<u32> {
+    match NodeState::from_u32(health.state)? {
+        NodeState::Running => Some(charge::CONTROLLER),
+        NodeState::Failsafe => Some(charge::FAILSAFE),
+        NodeState::Disarmed => Some(charge::NOBODY),
+        NodeState::Manual => Some(charge::PILOT),
+        NodeState::Starting | NodeState::Stopping => None,
+    }
 }
 
 /// The latest health of every node.
@@ -100,17 +130,16 @@ impl HealthTable {
         let name = health.node_name().to_string();
         match self.0.get_mut(&name) {
             None => {
-                let (before, failsafe) = (Counts::default(), Failsafe::default());
-                self.0.insert(name, NodeHealth { latest: health, received_at: now, before, failsafe });
+                let node = NodeHealth {
+                    latest: health,
+                    received_at: now,
+                    before: Counts::default(),
+                    failsafe: Failsafe::default(),
+                    charge: ChargeSteps::default(),
+                };
+                self.0.insert(name, node);
             }
-            Some(known) => {
-                if known.latest.pid != health.pid {
-                    known.before = known.counts();
-                }
-                known.failsafe.update(&known.latest, &health);
-                known.latest = health;
-                known.received_at = now;
-            }
+            Some(known) => known.update(health, now),
         }
     }
 
@@ -177,6 +206,31 @@ mod tests {
             table(&[(5, Running), (10, Failsafe), (17, Running), (30, Failsafe), (40, Stopping)]),
             (17, 10)
         );
+    }
+
+    #[test]
+    fn who_was_in_charge_is_counted_from_the_changes_of_state_of_a_bridge() {
+        use NodeState::{Disarmed, Failsafe, Manual, Running, Starting, Stopping};
+        let shares = |reports: &[(u32, u64, NodeState)]| {
+            let mut table = HealthTable::default();
+            for &(pid, step, state) in reports {
+                let mut health = Health { pid, state: state as u32, ..Health::zeroed() };
+                health.head.step = step;
+                health.set_node_name("plant");
+                table.update(health, Instant::now());
+            }
+            table.get("plant").unwrap().charge().shares()
+        };
+        assert_eq!(shares(&[(7, 0, Starting), (7, 0, Stopping)]), None, "no step");
+        let never = [(7, 0, Starting), (7, 0, Disarmed), (7, 50, Disarmed), (7, 90, Stopping)];
+        assert_eq!(shares(&never), Some((1.0, 0.0)));
+        let flown = [(7, 0, Disarmed), (7, 100, Running), (7, 500, Stopping)];
+        assert_eq!(shares(&flown), Some((0.0, 0.0)));
+        let mixed =
+            [(7, 0, Disarmed), (7, 9, Running), (7, 19, Manual), (7, 39, Disarmed), (7, 49, Failsafe)];
+        assert_eq!(shares(&[&mixed[..], &[(7, 109, Stopping)]].concat()), Some((0.1, 0.2)));
+        let replaced = [(7, 0, Running), (7, 40, Running), (8, 0, Disarmed), (8, 10, Stopping)];
+        assert_eq!(shares(&replaced), Some((0.2, 0.0)), "the steps of two processes add up");
     }
 
     #[test]

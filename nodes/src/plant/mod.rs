@@ -42,6 +42,10 @@ const COMMAND_DEPTH: usize = 16;
 /// Repetition period of an unanswered step 0.
 const REPEAT: Duration = Duration::from_millis(200);
 
+/// Time by which the wait for the first command of an autopilot is longer than its bridge's, which ends first,
+/// because it knows the reason.
+const BRIDGE_FIRST: Duration = Duration::from_secs(2);
+
 /// Longest wait for the last command when the run is ended before its last step.
 const LAST_COMMAND: Duration = Duration::from_millis(250);
 
@@ -51,6 +55,8 @@ pub struct Plant {
     period_ns: u64,
     steps: u64,
     start_timeout: Duration,
+    /// Longest wait for the first command.
+    answer_timeout: Duration,
     simulation: Simulation,
     gate: Gate,
     commands: Subscriber<Command>,
@@ -93,12 +99,14 @@ impl Plant {
         }
         let peers = Peers::open(bus, Role::Plant, listens_to)?;
         let now = Instant::now();
+        let has_autopilot = config.bridge.as_ref().is_some_and(|bridge| !bridge.kind.is_vehicle());
         let start_timeout = Duration::from_secs_f64(config.start_timeout_s);
         Ok(Self {
             mode: config.mode,
             period_ns: config.period_ns,
             steps: config.steps,
             start_timeout,
+            answer_timeout: if has_autopilot { start_timeout + BRIDGE_FIRST } else { start_timeout },
             simulation,
             gate: Gate::new(setup.limits, plant.misses_to_failsafe),
             commands,
@@ -215,7 +223,7 @@ impl Plant {
         if self.peers.not_running().next().is_none() {
             let now = Instant::now();
             self.peers.set_state(NodeState::Running);
-            self.phase = Phase::Answering { until: now + self.start_timeout, repeat: now + REPEAT };
+            self.phase = Phase::Answering { until: now + self.answer_timeout, repeat: now + REPEAT };
             self.advance(clock, false)?;
             return Ok(Turn::Worked);
         }
@@ -247,7 +255,7 @@ impl Plant {
         let now = clock.now();
         if now >= until {
             let rejected = self.gate.rejected();
-            return Err(NodeError::NoAnswer { waited_s: self.start_timeout.as_secs_f64(), rejected });
+            return Err(NodeError::NoAnswer { waited_s: self.answer_timeout.as_secs_f64(), rejected });
         }
         if now >= repeat {
             self.tell_wait(now);

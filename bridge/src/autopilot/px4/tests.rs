@@ -311,3 +311,31 @@ proptest! {
         prop_assert!(bench.px4.next().is_none());
     }
 }
+
+/// HIL_GPS of a vehicle with this velocity, m/s, NED: ground speed, cm/s, and course, hundredths of a degree.
+fn speed_and_course(velocity: [f64; 3]) -> (u16, u16) {
+    let mut model = SensorModel::new(SensorOptions::default(), PERIOD_NS, 1);
+    let mut sensors = model.step(&Motion::default(), &Errors::default());
+    sensors.gps.velocity = velocity.into();
+    match messages::gps(&sensors) {
+        MavMessage::HIL_GPS(gps) => {
+            assert_eq!(f64::from(gps.vd), 100.0 * velocity[2]);
+            (gps.vel, gps.cog)
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_climb_alone_has_neither_ground_speed_nor_course() {
+    assert_eq!(speed_and_course([0.0, 0.0, -3.0]), (0, u16::MAX));
+    assert_eq!(speed_and_course([0.0, 0.0, 0.0]), (0, u16::MAX));
+}
+
+#[test]
+fn ground_speed_and_course_are_those_of_the_motion_over_ground() {
+    assert_eq!(speed_and_course([3.0, 3.0, -3.0]), (424, 4500), "north-east");
+    for (north, east, course) in [(2.0, 0.0, 0), (0.0, 2.0, 9000), (-2.0, 0.0, 18_000), (0.0, -2.0, 27_000)] {
+        assert_eq!(speed_and_course([north, east, 0.0]), (200, course));
+    }
+}

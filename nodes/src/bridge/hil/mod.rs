@@ -17,13 +17,14 @@ mod exchange;
 mod inbox;
 pub(super) mod links;
 mod pace;
+mod stand;
 pub(super) mod state;
 mod tally;
 mod waiting;
 
 use std::time::{Duration, Instant};
 
-use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Begin, Event, Parts, Rc, Stage};
+use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, Event, Parts, Rc, Stage};
 use whirlstand_bridge::mixer::Mixer;
 use whirlstand_bridge::sensors::{SensorModel, Sensors, StateMap};
 use whirlstand_bus::{Bus, Publisher};
@@ -71,6 +72,9 @@ pub struct Hil {
     told_slow: bool,
     /// Longest wait for an answer.
     patience: Duration,
+    /// Longest wait for an autopilot that flies, and the time since which it is awaited.
+    start_timeout: Duration,
+    awaited_to_fly: Option<Instant>,
     period: Duration,
     /// Last sampled motion of the vehicle.
     at: Option<VehicleSample>,
@@ -134,6 +138,8 @@ impl Hil {
             awaited_since: None,
             told_slow: false,
             patience: Duration::from_secs_f64(options.flight.answer_timeout_s),
+            start_timeout: Duration::from_secs_f64(config.start_timeout_s),
+            awaited_to_fly: None,
             period,
             at: None,
             stand_due: Instant::now(),
@@ -217,56 +223,6 @@ impl Hil {
         self.autopilot.sense(sensors, &self.rc, now, &mut |port, bytes| links.send(port, bytes));
     }
 
-    /// Streams the sensors of a vehicle at rest, until the run can begin.
-    fn stand(&mut self) -> Result<Turn, NodeError> {
-        let step = self.next_step()?;
-        self.listen();
-        if self.at.is_none() {
-            return Ok(Turn::Idle);
-        }
-        let now = Instant::now();
-        if now >= self.stand_due {
-            // No burst after a pause.
-            self.stand_due =
-                if now >= self.stand_due + self.period { now } else { self.stand_due } + self.period;
-            // An autopilot in lockstep gets its next sensors after its answer, or when the answer seems lost.
-            let patience = if self.autopilot.is_lockstep() { self.patience } else { Duration::ZERO };
-            if self.autopilot.is_answered() || now >= self.sensed_at + patience {
-                self.sense(1);
-            }
-        }
-        let ready = match self.flight.begin() {
-            Begin::Linked => self.flight.is_fresh(self.now()),
-            Begin::Armed => self.flight.is_flying(&self.mixer, self.now()) && self.rc_is_done(),
-        };
-        if ready {
-            tracing::info!("{} flies: the run begins", self.name);
-            self.waits.over();
-            self.flight.start();
-            self.links.begin();
-            self.tally.begin(self.autopilot.counts());
-            self.answer(self.at.map_or(0, |at| at.step))?;
-        }
-        if !ready {
-            let (name, fresh, links) = (self.name, self.flight.is_fresh(self.now()), &self.links);
-            if self.waits.tell(now, fresh, self.autopilot.said(), || links.place()) {
-                tracing::warn!(
-                    "{name} is connected, is not armed, and has not said why: {}",
-                    self.autopilot.advice()
-                );
-            }
-            if !self.flight.is_flying(&self.mixer, self.now()) && self.rc.retry(self.now()) {
-                tracing::warn!("{name} was not armed by its switch; the switch is set off and on again");
-            }
-        }
-        Ok(if step.is_some() || ready { Turn::Worked } else { Turn::Idle })
-    }
-
-    /// True when the throttle is up, where this bridge controls it.
-    fn rc_is_done(&self) -> bool {
-        matches!(self.rc.stage(), Stage::Off | Stage::Flying)
-    }
-
     /// Publishes the command of a step, if there is one.
     fn answer(&mut self, step: u64) -> Result<(), NodeError> {
         let now = self.now();
@@ -279,6 +235,11 @@ impl Hil {
                 None => tracing::warn!(step, "{} flies again", self.name),
             }
         }
+        self.peers.set_state(match verdict {
+            Ok(()) => NodeState::Running,
+            Err(Fault::Disarmed) => NodeState::Disarmed,
+            Err(Fault::Silent | Fault::NotFinite) => NodeState::Failsafe,
+        });
         let head = Head { seq: 0, step, stamp_ns: step * self.period.as_nanos() as u64 };
         let outputs = self.flight.newest(now);
         let mut told = exchange(self.sensed.as_ref(), self.rc.pulses(), outputs, verdict);

@@ -14,6 +14,7 @@ mod duplicate_filter;
 mod gamepad;
 pub(super) mod links;
 mod open;
+mod reports;
 mod requirements;
 pub(super) mod shared_vehicle;
 
@@ -21,7 +22,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, Pace};
-use whirlstand_bridge::vehicle::{Figures, Group};
+use whirlstand_bridge::vehicle::Group;
 use whirlstand_bus::{Bus, Publisher};
 use whirlstand_msgs::{Head, Health, Imu, NodeState, Odometry, Sent, charge, flags};
 
@@ -38,6 +39,7 @@ use commands::Commands;
 use duplicate_filter::Reader;
 use links::VehicleLinks;
 pub use open::open_vehicle;
+use reports::{state, tell_figures, tell_strangers};
 use shared_vehicle::{SharedVehicle, lock};
 
 /// Longest sleep: a stop request just before the sleep is noticed after it.
@@ -90,7 +92,6 @@ struct VehicleNode {
     /// Number of periods in which this node was not running.
     overruns: u64,
     last_imu: Imu,
-    reported_failsafe: bool,
     commands: Commands,
     receiver: BusReceiver,
     waits: WaitReport,
@@ -136,7 +137,6 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
         stepped: now,
         overruns: 0,
         last_imu: whirlstand_msgs::Message::zeroed(),
-        reported_failsafe: false,
         commands,
         receiver,
         waits: WaitReport::new(now),
@@ -197,15 +197,14 @@ impl VehicleNode {
                 tracing::info!(step, "{}", note.text);
             }
         }
-        let failed = shared.vehicle.has_failed();
+        let state = state(shared.vehicle.mode());
         let latency = shared.latency.take();
         drop(shared);
         if let Some(latency) = latency {
             self.peers.record_latency(latency);
         }
-        if failed != self.reported_failsafe && self.phase == Phase::Looping {
-            self.reported_failsafe = failed;
-            self.peers.set_state(if failed { NodeState::Failsafe } else { NodeState::Running });
+        if matches!(self.phase, Phase::Answering { .. } | Phase::Looping) {
+            self.peers.set_state(state);
         }
         self.commands.check()?;
         if self.peers.is_due(now) { self.report(now) } else { Ok(()) }
@@ -214,9 +213,12 @@ impl VehicleNode {
     fn join(&mut self, now: Instant, until: Instant) -> Result<(), NodeError> {
         self.peers.turn(now)?;
         let peers_run = self.peers.not_running().next().is_none();
-        let flies = lock(&self.shared).vehicle.telemetry().values(Group::Attitude).is_some();
+        let (flies, state) = {
+            let vehicle = &lock(&self.shared).vehicle;
+            (vehicle.telemetry().values(Group::Attitude).is_some(), state(vehicle.mode()))
+        };
         if peers_run && flies {
-            self.peers.set_state(NodeState::Running);
+            self.peers.set_state(state);
             self.phase = Phase::Answering { until: now + self.start_timeout, repeat: now + REPEAT };
             return self.advance(now);
         }
@@ -362,30 +364,6 @@ impl VehicleNode {
         shared.flush();
         tell_figures(&shared.vehicle.figures(), shared.dropped());
         tell_strangers(self.links.refused());
-    }
-}
-
-fn tell_figures(f: &Figures, dropped: u64) {
-    tracing::info!(
-        messages = f.messages,
-        dropped = f.dropped,
-        signature = f.signature,
-        noise_bytes = f.noise_bytes,
-        lost = f.lost,
-        refused = f.refused,
-        outputs = f.outputs,
-        clamped = f.clamped,
-        unsent = dropped,
-        clock_offset_ms = f.clock_offset_ns.map(|ns| ns / 1_000_000),
-        round_trip_us = f.round_trip_ns.map(|ns| ns / 1000),
-        "the bridge ends"
-    );
-}
-
-/// Refused datagrams and clients are a warning besides the counters.
-fn tell_strangers(strangers: u64) {
-    if strangers > 0 {
-        tracing::warn!("{strangers} datagrams or clients that were not the other end's were refused");
     }
 }
 
