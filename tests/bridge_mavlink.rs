@@ -114,7 +114,7 @@ fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() 
     Ok(())
 }
 
-/// ATTITUDE has rates: the bridge notices after the gust that the vehicle rolls against its commands, and stays neutral.
+/// ATTITUDE has rates: the bridge notices that the vehicle rolls against its commands, and stays neutral.
 fn a_vehicle_that_rolls_against_its_commands_goes_neutral_and_is_told() -> Outcome {
     let Flown { dir: _dir, report, vehicle, mut bridge } = Flown::take_off(&python()?, &["--rolls-left"], "");
     bridge.wait_for_stderr("roll: the vehicle accelerates opposite to the command");
@@ -126,7 +126,7 @@ fn a_vehicle_that_rolls_against_its_commands_goes_neutral_and_is_told() -> Outco
     assert_eq!(seen["faults"], serde_json::json!([]), "{}", bridged.stderr);
     let history = seen["history"].as_array().unwrap();
     assert!(history.iter().any(|h| h[1] == false), "it was moved before: {history:?}");
-    // The flight goes on for seconds after the gust, and neutral lasts until its end.
+    // The flight goes on for seconds, and neutral lasts until its end.
     let last = history.last().unwrap();
     let lasted = seen["seconds"].as_f64().unwrap() - last[0].as_f64().unwrap();
     assert!(last[1] == true && lasted > 1.0, "{lasted} s: {last}\n{}", bridged.stderr);
