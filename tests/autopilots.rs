@@ -14,7 +14,7 @@ use whirlstand_test_harness::{Missing, Outcome, python};
 fn px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop() -> Outcome {
     let dir = tempfile::tempdir().unwrap();
     let line = dir.path().join("ttyACM0").display().to_string();
-    let arguments = ["0", "REPORT", "--free", "--pty", &line].map(Into::into);
+    let arguments = ["0", "REPORT", "--free", "--pty", &line, "--baud", "921600"].map(Into::into);
     let link = format!("bridge.px4.link=serial://{line}:921600");
     let rest = ["--mode", "realtime", "--set", "rate_hz=250"];
     let flight = fly("px4-hil", "px4.py", &arguments, &[link], &rest)?;
@@ -134,7 +134,11 @@ fn px4(options: &[&str], rest: &[&str]) -> Result<Flight, Missing> {
 }
 
 fn px4s_side_of_mavlink_hil_flies_in_lockstep() -> Outcome {
-    let flight = px4(&[], &["--mode", "lockstep", "--set", "rate_hz=250", "--set", "bridge.px4.rc=true"])?;
+    // Without noise of the autopilot's sensors themselves, that of the vehicle's sensors keeps them from standing still.
+    let noiseless = "bridge.sensors={gyro_noise=0, accel_noise=0}";
+    let rest =
+        ["--mode", "lockstep", "--set", "rate_hz=250", "--set", "bridge.px4.rc=true", "--set", noiseless];
+    let flight = px4(&[], &rest)?;
     let flight = flight.well();
     let seen = |kind: &str| flight.report["seen"][kind].as_u64().unwrap_or(0);
     // 10 s at 250 Hz, plus the start.
@@ -171,13 +175,8 @@ fn ardupilot(options: &[&str], rest: &[&str]) -> Result<Flight, Missing> {
     let port = free_udp();
     let mut arguments = vec![port.to_string(), "REPORT".into()];
     arguments.extend(options.iter().map(ToString::to_string));
-    fly(
-        "ardupilot-json",
-        "ardupilot.py",
-        &arguments,
-        &[format!("bridge.ardupilot.link=udpin://127.0.0.1:{port}")],
-        rest,
-    )
+    let link = [format!("bridge.ardupilot.link=udpin://127.0.0.1:{port}")];
+    fly("ardupilot-json", "ardupilot.py", &arguments, &link, rest)
 }
 
 fn ardupilots_side_of_its_json_interface_flies_in_lockstep() -> Outcome {

@@ -67,7 +67,7 @@ fn the_check_says_which_axis_of_the_telemetry_is_turned() {
     undisturbed(|| {
         let place = Place::new();
         let launch = place.launch();
-        let check = whirlstand(["bridge", "check", "plant", "--launch", &launch, "--timeout", "30"]);
+        let check = whirlstand(["bridge", "check", "plant", "--launch", &launch, "--timeout", "30", "--yes"]);
         let (radio, check) = spawn_listening(place.radio("by hand"), check);
         let checked = check.finish();
         radio.signal(libc::SIGTERM);
@@ -79,8 +79,8 @@ fn the_check_says_which_axis_of_the_telemetry_is_turned() {
             ["WRONG", "roll: the sign is turned; set bridge.measured.roll.scale = -1"],
             ["ok", "pitch: +"],
             ["ok", "yaw: +"],
-            ["not checked", "channel 1: the vehicle does not report its channels"],
-            ["not checked", "channel 1: which way it turns the vehicle"],
+            ["not checked", "channel 1: whether it arrives, because CRSF brings no channels back"],
+            ["not checked", "channels 1 and 2: which way the vehicle turns, because over CRSF"],
         ] {
             assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
         }

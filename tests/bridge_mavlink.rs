@@ -3,54 +3,20 @@
 
 mod support;
 
-use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
 use support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_learned_from};
-use support::{Running, json, run, said, spawn, spawn_listening, whirlstand};
+use support::mavlink::{autopilot, end, free_port, launch, script};
+use support::{Running, json, run, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
-/// A UDP port that no process uses.
-fn free_port() -> u16 {
-    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
-
-fn script(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bridge").join(name)
-}
-
-/// The autopilot alone, talking to the bridge at `port`.
-fn autopilot(python: &Path, port: u16, report: &Path, more: &[&str]) -> Command {
-    let mut command = Command::new(python);
-    command.arg(script("autopilot.py")).args(["--link", &format!("udpout:127.0.0.1:{port}")]);
-    command.arg("--report").arg(report).args(more);
-    command
-}
-
-/// A launch file with the bridge in the plant's place.
-fn launch(dir: &Path, port: u16, more: &str) -> PathBuf {
-    let bridged = Bridged {
-        bridge: "mavlink",
-        vehicle: "quadrotor",
-        rate_hz: 250,
-        duration_s: 6,
-        safety: "arm = \"autopilot\"",
-        link: format!("udpin://127.0.0.1:{port}"),
-        more,
-    };
-    bridged.write(dir)
-}
-
-/// The autopilot writes its report when it is asked to end.
-fn end(running: Running) {
-    running.signal(libc::SIGTERM);
-    running.finish().success();
-}
-
 /// The gust of the built-in bench, on this project's plant; its controller is the autopilot, which speaks only MAVLink.
-fn bench_flown_by_the_autopilot(python: &Path, port: u16, report: &Path) -> String {
+fn bench_flown_by_the_autopilot(python: &Path, port: u16, report: &Path, more: &[&str]) -> String {
+    let script = script("autopilot.py").display().to_string();
+    let (link, report) = (format!("udpout:127.0.0.1:{port}"), report.display().to_string());
+    let exec = [&*python.display().to_string(), &script, "--link", &link, "--report", &report];
     format!(
         r#"
 vehicle = "quadrotor"
@@ -60,7 +26,7 @@ duration_s = 14.0
 [controller]
 law = "lqr"
 [nodes.controller]
-exec = [{python:?}, {script:?}, "--link", "udpout:127.0.0.1:{port}", "--report", {report:?}]
+exec = {exec:?}
 env = {{ PYTHONPATH = {examples:?} }}
 restart = "never"
 [[effects]]
@@ -70,58 +36,100 @@ at_s = 8.0
 duration_s = 0.2
 magnitude = "150 deg/s^2"
 "#,
-        script = script("autopilot.py"),
+        exec = [&exec[..], more].concat(),
         examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/python"),
     )
 }
 
-fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() -> Outcome {
-    let python = python()?;
+/// The autopilot's bench and the bridge that flies it, over MAVLink alone.
+struct Flown {
+    dir: tempfile::TempDir,
+    report: PathBuf,
+    vehicle: Running,
+    bridge: Running,
+}
+
+impl Flown {
+    /// Starts both, with options of the autopilot, and of the bridge.
+    fn take_off(python: &Path, autopilot: &[&str], bridge: &str) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let (port, report) = (free_port(), dir.path().join("autopilot.json"));
+        let physics = dir.path().join("physics.toml");
+        std::fs::write(&physics, bench_flown_by_the_autopilot(python, port, &report, autopilot)).unwrap();
+        let ours = launch(dir.path(), port, &format!("pace = \"telemetry\"\n{bridge}"));
+        let [flown, seen] = ["physics", "bridge"].map(|name| dir.path().join(name).display().to_string());
+        let vehicle = spawn(whirlstand(["run", physics.to_str().unwrap(), "--out", &flown]));
+        let set = ["--set", "bridge.safety.max_innovation=100", "--duration", "60"];
+        let args = [&["run", ours.to_str().unwrap(), "--out", &seen], &set[..]].concat();
+        let bridge = spawn(whirlstand(args));
+        Self { dir, report, vehicle, bridge }
+    }
+}
+
+/// The roll of a run.
+fn roll(dir: &Path) -> Value {
+    json(dir.join("summary.json"))["runs"][0]["outputs"]["roll"].clone()
+}
+
+/// The roll of the same bench with its own controller.
+fn roll_in_simulation(python: &Path) -> Value {
     let dir = tempfile::tempdir().unwrap();
-    let port = free_port();
-    let report = dir.path().join("autopilot.json");
-    let physics = dir.path().join("physics.toml");
-    let text = bench_flown_by_the_autopilot(&python, port, &report);
-    std::fs::write(&physics, text).unwrap();
-    let ours = launch(dir.path(), port, "pace = \"telemetry\"");
-    let (out, sim) = (dir.path().join("physics"), dir.path().join("sim"));
-    let vehicle = spawn(whirlstand(["run", physics.to_str().unwrap(), "--out", out.to_str().unwrap()]));
-    let mut bridge = spawn(whirlstand([
-        "run",
-        ours.to_str().unwrap(),
-        "--set",
-        "bridge.safety.max_innovation=100",
-        "--duration",
-        "60",
-        "--out",
-        dir.path().join("bridge").to_str().unwrap(),
-    ]));
-    vehicle.finish().success();
-    // The vehicle has ended, and the bridge must report this by itself.
-    bridge.wait_for_stderr("FAILSAFE");
-    bridge.signal(libc::SIGINT);
-    let bridged = bridge.finish();
-    // The same bench with its own controller.
-    let plain = dir.path().join("plain.toml");
-    let text = std::fs::read_to_string(&physics).unwrap();
+    let text = bench_flown_by_the_autopilot(python, 1, Path::new("unused"), &[]);
     let foreign = |line: &&str| ["[nodes", "exec", "env", "restart"].iter().any(|w| line.starts_with(w));
     let kept: Vec<_> = text.lines().filter(|line| !foreign(line)).collect();
+    let (plain, out) = (dir.path().join("plain.toml"), dir.path().join("sim"));
     std::fs::write(&plain, kept.join("\n")).unwrap();
-    run(["run", plain.to_str().unwrap(), "--mode", "lockstep", "--out", sim.to_str().unwrap()]).success();
+    let out = out.to_str().unwrap();
+    run(["run", plain.to_str().unwrap(), "--mode", "lockstep", "--out", out]).success();
+    roll(Path::new(out))
+}
 
-    let roll = |dir: &Path| json(dir.join("summary.json"))["runs"][0]["outputs"]["roll"].clone();
-    let (real, simulated) = (roll(&out), roll(&sim));
-    eprintln!("roll through MAVLink: {real}\nroll in simulation: {simulated}");
-    assert_eq!(real["recovered"], true, "{real}\n{}", bridged.stderr);
-    let peak = |v: &Value| v["peak"].as_f64().unwrap();
-    assert!(peak(&real) < 1.5 * peak(&simulated), "{real}\n{simulated}");
+fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() -> Outcome {
+    let python = python()?;
+    let simulated = roll_in_simulation(&python);
+    for (output, message) in [
+        ("rc-override", "RC_CHANNELS_OVERRIDE"),
+        ("manual-control", "MANUAL_CONTROL"),
+        ("attitude-target", "SET_ATTITUDE_TARGET"),
+    ] {
+        let Flown { dir, report, vehicle, mut bridge } =
+            Flown::take_off(&python, &[], &format!("output = \"{output}\""));
+        vehicle.finish().success();
+        // The vehicle has ended, and the bridge must report this by itself.
+        bridge.wait_for_stderr("FAILSAFE");
+        bridge.signal(libc::SIGINT);
+        let bridged = bridge.finish();
+        let real = roll(&dir.path().join("physics"));
+        eprintln!("roll through {message}: {real}\nroll in simulation: {simulated}");
+        assert_eq!(real["recovered"], true, "{output}: {real}\n{}", bridged.stderr);
+        let peak = |v: &Value| v["peak"].as_f64().unwrap();
+        assert!(peak(&real) < 1.5 * peak(&simulated), "{output}: {real}\n{simulated}");
+        let seen = json(&report);
+        assert_eq!(seen["faults"], serde_json::json!([]), "{output}");
+        assert_eq!(seen["moved_before_armed"], 0, "{output}: {seen}");
+        assert!(seen["seen"][message].as_u64() > Some(500), "{output}: {}", seen["seen"]);
+        assert!(seen["requested"]["30"].as_f64() == Some(4000.0), "{}", seen["requested"]);
+        assert!(bridged.stderr.contains("the controller is in charge"), "{}", bridged.stderr);
+    }
+    Ok(())
+}
+
+/// ATTITUDE has rates: the bridge notices that the vehicle rolls against its commands, and stays neutral.
+fn a_vehicle_that_rolls_against_its_commands_goes_neutral_and_is_told() -> Outcome {
+    let Flown { dir: _dir, report, vehicle, mut bridge } = Flown::take_off(&python()?, &["--rolls-left"], "");
+    bridge.wait_for_stderr("roll: the vehicle accelerates opposite to the command");
+    bridge.wait_for_stderr("the vehicle answers its commands with the wrong sign");
+    vehicle.finish();
+    bridge.signal(libc::SIGINT);
+    let bridged = bridge.finish();
     let seen = json(&report);
-    assert_eq!(seen["faults"].as_array().unwrap().len(), 0, "{}", seen["faults"]);
-    assert_eq!(seen["moved_before_armed"], 0, "{seen}");
-    assert!(seen["seen"]["RC_CHANNELS_OVERRIDE"].as_u64().unwrap() > 500, "{}", seen["seen"]);
-    assert!(seen["requested"]["30"].as_f64() == Some(4000.0), "{}", seen["requested"]);
-    assert!(bridged.stderr.contains("the controller is in charge"), "{}", bridged.stderr);
-    assert!(bridged.stderr.contains("FAILSAFE"), "the vehicle was gone at the end: {}", bridged.stderr);
+    assert_eq!(seen["faults"], serde_json::json!([]), "{}", bridged.stderr);
+    let history = seen["history"].as_array().unwrap();
+    assert!(history.iter().any(|h| h[1] == false), "it was moved before: {history:?}");
+    // The flight goes on for seconds, and neutral lasts until its end.
+    let last = history.last().unwrap();
+    let lasted = seen["seconds"].as_f64().unwrap() - last[0].as_f64().unwrap();
+    assert!(last[1] == true && lasted > 1.0, "{lasted} s: {last}\n{}", bridged.stderr);
     Ok(())
 }
 
@@ -257,39 +265,6 @@ fn a_serial_autopilot_is_flown_unplugged_and_plugged_in_again() -> Outcome {
     Ok(())
 }
 
-fn the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives() -> Outcome {
-    let python = python()?;
-    let dir = tempfile::tempdir().unwrap();
-    let (port, report) = (free_port(), dir.path().join("autopilot.json"));
-    let file = launch(dir.path(), port, "");
-    // On this vehicle's own radio, channel 1 goes down for a roll to the right.
-    let wrong = ["--arm-after", "1e9", "--hand", "--turned", "pitch", "--reversed", "roll"];
-    let vehicle = autopilot(&python, port, &report, &wrong);
-    let check =
-        whirlstand(["bridge", "check", "plant", "--launch", file.to_str().unwrap(), "--timeout", "30"]);
-    let (vehicle, check) = spawn_listening(vehicle, check);
-    let checked = check.finish();
-    end(vehicle);
-    let said = said(&report);
-    assert_eq!(checked.code(), 1, "{said:?}\n{}", checked.stderr);
-    for words in [
-        ["ok", "roll: +"],
-        ["WRONG", "pitch: the sign is turned"],
-        ["ok", "yaw: +"],
-        ["ok", "channel 1: +100 us"],
-        ["ok", "channel 2: +100 us"],
-        ["u_roll + -> channel 1 down", "the vehicle rolls left and pitches nose down"],
-        [
-            "WRONG",
-            "channel 1: -300 us for the roll stick to the right, and the bridge has it the other way round",
-        ],
-        ["ok", "channel 2: +300 us for the pitch stick back"],
-    ] {
-        assert!(said.iter().any(|l| words.iter().all(|w| l.contains(w))), "{words:?}: {said:#?}");
-    }
-    Ok(())
-}
-
 /// A pilot takes over by the vehicle's own radio for part of a flight; see the CRSF test of the same name.
 fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() -> Outcome {
     let python = python()?;
@@ -349,11 +324,11 @@ fn wrong_options_are_told_with_their_line() {
 
 whirlstand_test_harness::tests!(
     the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation,
+    a_vehicle_that_rolls_against_its_commands_goes_neutral_and_is_told,
     a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again,
     signed_links_work_and_strangers_are_not_believed,
     mavsdk_reads_the_attitude_through_the_bridge,
     a_serial_autopilot_is_flown_unplugged_and_plugged_in_again,
-    the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives,
     what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by,
     wrong_options_are_told_with_their_line
 );

@@ -1,5 +1,6 @@
 //! A board on one serial line, as hardware in the loop: the loop flies over it, and a third-party ground station arms
-//! the board and reads its attitude through the bench. The station never writes what the loop owns.
+//! the board and reads its attitude through the bench. The station never writes what the loop owns. All lines carry only
+//! what their baud rate allows.
 
 mod support;
 
@@ -24,8 +25,9 @@ fn flies(kind: &str, package: &str, baud: u32, rate_hz: u32) -> Result<String, M
     let place = |name: &str| -> PathBuf { dir.path().join(name) };
     let (board, ground, seen) = (place("ttyACM0"), place("ttyGS0"), place("station.json"));
     let station = station(kind, package, &ground, baud, &seen)?;
+    let (name, rate) = (board.display().to_string(), baud.to_string());
     let arguments =
-        ["0", "REPORT", "--free", "--pty", &board.display().to_string(), "--station", "2"].map(Into::into);
+        ["0", "REPORT", "--free", "--pty", &name, "--baud", &rate, "--station", "2"].map(Into::into);
     let options = [
         format!("bridge.px4.link=serial://{}:{baud}", board.display()),
         format!("bridge.px4.forward=serial://{}:{baud}", ground.display()),
@@ -84,7 +86,7 @@ fn the_check_reads_the_attitude_over_the_line_that_carries_the_sensors() -> Outc
         let mut board = Command::new(python()?);
         board.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/autopilots/px4.py"));
         board.args(["0".as_ref(), report.as_os_str(), "--free".as_ref(), "--pty".as_ref(), line.as_os_str()]);
-        board.args(["--disarmed", "--station", "0"]);
+        board.args(["--baud", &baud.to_string(), "--disarmed", "--station", "0"]);
         let board = spawn(board);
         let link = format!("--set=bridge.px4.link=serial://{}:{baud}", line.display());
         let rate = format!("--set=rate_hz={rate_hz}");

@@ -33,7 +33,8 @@ pub struct NodeConfig {
     /// same signals.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<VehicleSource>,
-    /// Effects of the launch file, appended to the vehicle's own; only the plant knows them.
+    /// Effects of the launch file, appended to the vehicle's own. Only the plant knows them, and the sensors of
+    /// an autopilot before the run.
     #[serde(default)]
     pub effects: Vec<Effect>,
     /// Pace of the loop.

@@ -74,6 +74,7 @@ def main():
     channels.bind(("127.0.0.1", args.channels))
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     attitude, last, last_wall = flight.Attitude(), None, None
+    fresh = flight.Fresh(report)
     rate = 1.0
     began = None
     if args.msp:
@@ -122,6 +123,9 @@ def main():
         gyro = (f[1], f[2], -f[3])
         # Betaflight negates all three, for forward, left, up.
         accel = (-f[4], f[5], f[6])
+        fresh.look("the gyroscope", gyro)
+        fresh.look("the accelerometer", accel)
+        fresh.look("the barometer", f[17], most=99)
         report.demand(abs(flight.norm(accel) - flight.G) < 1.0 and accel[2] < -8.0, f"accelerometer {accel}")
         report.demand(abs(flight.norm(f[7:11]) - 1.0) < 1e-9, f"quaternion {f[7:11]}")
         report.demand(abs(f[14] - 8.545594) < 0.01 and abs(f[15] - 47.397742) < 0.01, f"place {f[14:17]}")

@@ -37,6 +37,21 @@ class Report:
             json.dump(self.notes, file)
 
 
+class Fresh:
+    """Sensors that must not stand still: an autopilot takes a value that does not change for a failed sensor, and an estimator
+    takes its noise for a bias."""
+
+    def __init__(self, report):
+        self.report, self.last = report, {}
+
+    def look(self, name, values, most=1):
+        """The next reading; one is a fault when as many as `most` in a row were equal to the one before."""
+        last, equal = self.last.get(name, (None, 0))
+        equal = equal + 1 if values == last else 0
+        self.last[name] = values, equal
+        self.report.demand(equal < most, f"{name} stands still at {values}, reading {equal + 1}")
+
+
 def end_in_order(report, when=lambda: True):
     """Writes the report when asked to end, and `when` says so, or two seconds later."""
 
@@ -46,6 +61,7 @@ def end_in_order(report, when=lambda: True):
         signal.setitimer(signal.ITIMER_REAL, 0.01, 0.01)
 
     def end():
+        signal.setitimer(signal.ITIMER_REAL, 0)
         report.write()
         sys.exit(0)
 

@@ -1,10 +1,11 @@
 """A stand-in for PX4: connects to the simulator with pymavlink and flies by its sensors.
 
-    px4.py PORT REPORT [--free] [--reconnect-after STEPS] [--pty NAME] [--disarmed] [--telemetry PORT] [--turned AXIS]
+    px4.py PORT REPORT [--free] [--reconnect-after STEPS] [--pty NAME --baud RATE] [--disarmed] [--telemetry PORT] [--turned AXIS]
            [--wait-for FILE] [--replay-after STEPS] [--beyond] [--station SECONDS] [--ground PORT] [--bits]
            [--slow SECONDS] [--disarm-after STEPS] [--die-after STEPS] [--reboot-after STEPS] [--mark SECONDS]
 
-`--free`: without lockstep, as hardware in the loop is; `--pty`: over a serial line of that name, as it is as well.
+`--free`: without lockstep, as hardware in the loop is; `--pty`: over a serial line of that name, as it is as well, which carries what
+its baud rate allows.
 `--telemetry`: tells its attitude to a ground station; `--turned`: with the wrong sign of one axis.
 `--wait-for`: connects once that file is there; `--replay-after`: says the same outputs again and again from then on; `--beyond`:
 with outputs that go beyond their range. `--station`: armed by a ground station on the same line, which its checks allow after so long.
@@ -26,6 +27,7 @@ from pymavlink.dialects.v20 import common
 
 import commander
 import flight
+import wire
 
 GROUPS = {"accel": 0x7, "gyro": 0x38, "mag": 0x1C0, "baro": 0x1A00, "diff": 0x400}
 
@@ -63,26 +65,42 @@ class Ground:
 
 
 class Line:
-    """A pseudo-terminal whose other end has a name."""
+    """A serial line whose other end has a name."""
 
-    def __init__(self, name):
+    def __init__(self, name, baud):
         self.master, self.held = os.openpty()
         tty.setraw(self.held)
+        self.mine, self.far = socket.socketpair()
+        self.wire = wire.Wire(self.master, self.far.fileno(), baud)
+        self.sent = self.dropped = 0
         os.symlink(os.ttyname(self.held), name)
 
     def recv(self, most):
-        return os.read(self.master, most)
+        return self.mine.recv(most)
 
     def sendall(self, data):
-        while data:
-            data = data[os.write(self.master, data) :]
+        """As PX4 does, whose driver takes a message whole or not at all."""
+        if self.sent + len(data) - self.wire.inward.carried > wire.BUFFER:
+            self.dropped += 1
+            return
+        self.sent += len(data)
+        self.mine.sendall(data)
+
+    def note(self, report):
+        report["dropped"] = self.dropped
+        if self.wire.outward.lost and "overrun" not in report.notes:
+            report["overrun"] = True
+            report.demand(False, "more came than the line carries")
 
     def close(self):
+        self.wire.end()
+        for end in (self.mine, self.far):
+            end.close()
         os.close(self.master)
         os.close(self.held)
 
 
-def check_sensor(report, s, last):
+def check_sensor(report, s, last, fresh):
     bits = s.fields_updated
     for name, group in GROUPS.items():
         report.demand(bits & group in (0, group), f"group {name} is not whole: {bits:#x}")
@@ -91,11 +109,15 @@ def check_sensor(report, s, last):
     report.demand(s.id == 0, f"id {s.id}")
     report.demand(last is None or s.time_usec > last, f"time {last} to {s.time_usec}")
     accel = (s.xacc, s.yacc, s.zacc)
+    fresh.look("the accelerometer", accel)
+    fresh.look("the gyroscope", (s.xgyro, s.ygyro, s.zgyro))
     report.demand(abs(flight.norm(accel) - flight.G) < 1.0 and s.zacc < -8.0, f"accelerometer {accel}")
     if bits & GROUPS["mag"]:
+        fresh.look("the magnetometer", (s.xmag, s.ymag, s.zmag), most=99)
         field = flight.norm((s.xmag, s.ymag, s.zmag))
         report.demand(0.2 < field < 0.7 and s.zmag > 0.2, f"magnetometer in gauss {field}")
     if bits & GROUPS["baro"]:
+        fresh.look("the barometer", s.abs_pressure, most=99)
         report.demand(900 < s.abs_pressure < 1013.25, f"pressure in hPa {s.abs_pressure}")
         report.demand(400 < s.pressure_alt < 600, f"height {s.pressure_alt}")
         report.demand(-50 < s.temperature < 50, f"temperature {s.temperature}")
@@ -108,6 +130,7 @@ def main():
     parser.add_argument("--free", action="store_true")
     parser.add_argument("--reconnect-after", type=int)
     parser.add_argument("--pty")
+    parser.add_argument("--baud", type=int)
     parser.add_argument("--disarmed", action="store_true")
     parser.add_argument("--telemetry", type=int)
     parser.add_argument("--turned")
@@ -132,7 +155,7 @@ def main():
         time.sleep(0.01)
     while True:
         try:
-            link = Line(args.pty) if args.pty else connect(args.port)
+            link = Line(args.pty, args.baud) if args.pty else connect(args.port)
         except OSError:
             report.write()
             return
@@ -155,6 +178,7 @@ def converse(link, args, report, seen, steps):
     attitude, last, turned, began = flight.Attitude(), None, 0.0, None
     first_time = None
     silent_until, marked = None, args.mark is None
+    fresh = flight.Fresh(report)
     telemetry = flight.Telemetry(args.telemetry, 12) if args.telemetry else None
     ground = Ground(args.ground) if args.ground else None
     tell = (ground.mav, ground.send) if ground else (mav, send)
@@ -167,6 +191,8 @@ def converse(link, args, report, seen, steps):
             data = b""
         if not data:
             return None
+        if args.pty:
+            link.note(report)
         if station:
             station.tick(attitude.told(args.turned), gyro)
             for message in ground.heard() if ground else []:
@@ -194,7 +220,7 @@ def converse(link, args, report, seen, steps):
             if not marked and time.monotonic() > began + args.mark:
                 marked = True
                 print(f"{args.mark:g} s have passed", flush=True)
-            check_sensor(report, message, last)
+            check_sensor(report, message, last, fresh)
             first_time = first_time or message.time_usec
             dt = 0.0 if last is None else (message.time_usec - last) * 1e-6
             last = message.time_usec

@@ -2,7 +2,7 @@
 
     station.py KIND LINE BAUD REPORT
 
-It makes the line LINE, a pseudo-terminal whose other end the station has, waits for the vehicle, tries to write what the bench owns
+It makes the line LINE, which carries what BAUD allows and whose other end the station has, waits for the vehicle, tries to write what the bench owns
 (where the library lets it), asks for the attitude, arms until it is armed, reads attitudes, and writes down what it saw.
 """
 
@@ -17,12 +17,14 @@ import threading
 import time
 import tty
 
+import wire
+
 WANTED = 20
 PATIENCE = 60.0
 
 
-def cable(name):
-    """Two pseudo-terminals back to back: the bench's end has the name, and the path of the other is returned."""
+def cable(name, baud):
+    """A serial line: the bench's end has the name. Returns the path of the other end, and the line."""
     masters, paths = [], []
     for _ in range(2):
         master, slave = os.openpty()
@@ -30,19 +32,8 @@ def cable(name):
         masters.append(master)
         # Both slaves stay open here, so that a line lives when nobody has it open.
         paths.append(os.ttyname(slave))
-    os.symlink(paths[1], name)
-
-    def carry():
-        while True:
-            for ready in select.select(masters, [], [])[0]:
-                data = os.read(ready, 4096)
-                other = masters[1 - masters.index(ready)]
-                # What nobody reads is lost, as on a wire.
-                if select.select([], [other], [], 0.5)[1]:
-                    os.write(other, data)
-
-    threading.Thread(target=carry, daemon=True).start()
-    return paths[0]
+    os.symlink(paths[0], name)
+    return paths[1], wire.Wire(*masters, baud)
 
 
 class Seen(dict):
@@ -158,10 +149,12 @@ def by_mavproxy(path, baud, seen):
 def main():
     kind, name, baud, report = sys.argv[1:]
     seen = Seen(faults=[])
-    path = cable(name)
+    path, line = cable(name, int(baud))
     try:
         {"pymavlink": by_pymavlink, "mavsdk": by_mavsdk, "mavproxy": by_mavproxy}[kind](path, int(baud), seen)
     finally:
+        lost = line.outward.lost
+        seen.demand(lost == 0, f"{lost} bytes more came than the line carries")
         with open(report, "w") as file:
             json.dump(seen, file)
         print("the station is done", file=sys.stderr, flush=True)

@@ -2,7 +2,7 @@
 """An autopilot for the tests, made with pymavlink and nothing of Whirlstand's: the vehicle side of a MAVLink link.
 
 As a node of a bench (`--bench` or the environment of the launcher, over Zenoh) the bench's own plant is the vehicle:
-its `Imu` goes out as ATTITUDE, and the override that comes back is the `Command`. Without a bench the attitude is a
+its `Imu` goes out as ATTITUDE, and the override (or MANUAL_CONTROL, or SET_ATTITUDE_TARGET) that comes back is the `Command`. Without a bench the attitude is a
 slow wave, and `--events` damages the stream when the override is as an event awaits it. At its end it writes what it saw to `--report`, and it is strict: what
 the protocol does not allow is listed under `faults`.
 """
@@ -139,13 +139,7 @@ class Autopilot:
         self.link.mav.command_ack_send(m.command, result)
 
     def on_rc_channels_override(self, m):
-        if (m.target_system, m.target_component) != (1, 1):
-            self.fault(f"an override for {m.target_system}/{m.target_component}")
-        now = self.now()
         us = [m.chan1_raw, m.chan2_raw]
-        for i, value in enumerate(us):
-            if value not in (0, IGNORE) and not 1000 <= value <= 2000:
-                self.fault(f"channel {i + 1} is {value} us")
         others = [getattr(m, f"chan{i}_raw") for i in range(3, 9)]
         if any(value != IGNORE for value in others):
             self.fault(f"channels that nobody mapped are {others}")
@@ -155,6 +149,34 @@ class Autopilot:
                 self.rc[i] = 1500 + (self.hand.sticks[i] * HELD if self.hand else 0)
             elif 1000 <= value <= 2000:
                 self.rc[i] = value
+        self.override = None if released else [None if value == IGNORE else value for value in us]
+        self.take("an override", (m.target_system, m.target_component), us, released)
+
+    def on_manual_control(self, m):
+        """Sticks in thousandths: y to the right, x forward; 32767 is a stick that is not there."""
+        if (m.z, m.r) != (32767, 32767) or m.buttons or m.buttons2 or m.enabled_extensions:
+            self.fault(f"sticks that nobody mapped: {m}")
+        if not all(-1000 <= stick <= 1000 for stick in (m.x, m.y)):
+            self.fault(f"sticks {m.x}, {m.y}")
+        self.take("sticks", (m.target, 1), [1500 + m.y / 2, 1500 - m.x / 2])
+
+    def on_set_attitude_target(self, m):
+        """Body rates, of which 1 rad/s is a full stick, without an attitude (128) and without thrust (64)."""
+        rates = m.body_roll_rate, m.body_pitch_rate
+        if m.type_mask != 128 | 64 or m.body_yaw_rate != 0.0:
+            self.fault(f"a target that nobody mapped: {m}")
+        if not all(-1.0 <= rate <= 1.0 for rate in rates):
+            self.fault(f"rates {rates}")
+        self.take("a target", (m.target_system, m.target_component), [1500 + 500 * rate for rate in rates])
+
+    def take(self, what, target, us, released=False):
+        """Roll and pitch as they came, as pulses, us."""
+        if target != (1, 1):
+            self.fault(f"{what} for {target}")
+        now = self.now()
+        for i, value in enumerate(us):
+            if value not in (0, IGNORE) and not 1000 <= value <= 2000:
+                self.fault(f"channel {i + 1} is {value} us")
         if not self.armed() and not released and us != [1500, 1500]:
             # One that was on its way while this end disarmed is no fault; a second later it is.
             self.moved_before_armed += 1
@@ -169,7 +191,8 @@ class Autopilot:
         if not self.history or self.history[-1][1] != neutral:
             self.history.append((round(now, 4), neutral, us))
         self.u = [0.0, 0.0] if released else [(value - 1500) / 500 * FULL_STICK for value in us]
-        self.override = None if released else [None if value == IGNORE else value for value in us]
+        if self.options.rolls_left:
+            self.u[0] = -self.u[0]
 
     def fly(self):
         """One period by the pilot's radio and the override; it is armed by his switch. False at the end."""
@@ -324,6 +347,7 @@ def main():
     parser.add_argument("--hand", action="store_true", help="somebody turns it as standard input asks")
     parser.add_argument("--turned", default="", help="axes that are told with the wrong sign then")
     parser.add_argument("--reversed", default="", help="axes whose stick moves its channel the other way")
+    parser.add_argument("--rolls-left", action="store_true", help="the vehicle of the bench rolls left on stick right")
     parser.add_argument("--pilot", default="", help="phases of a pilot whose vehicle it is (JSON, as pilot.py has them)")
     parser.add_argument("--key", default="", help="secret of a signed link, 64 hexadecimal digits")
     parser.add_argument("--report", default="")

@@ -1,18 +1,21 @@
 #!/usr/bin/env python3
-"""A serial line with a plug: a pseudo-terminal whose other end has a name while it is plugged in.
+"""A serial line with a plug: it carries what its baud rate allows, and its other end has a name while it is plugged in.
 
 line.py PLUG PYTHON AUTOPILOT REPORT: the autopilot talks on the line. SIGUSR1 pulls the plug, or plugs it in again, as a
 new line with an autopilot that began anew; SIGTERM ends it.
 """
 
 import os
-import select
 import signal
 import subprocess
 import sys
 import termios
-import time
 import tty
+
+sys.path.append(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "autopilots"))
+import wire  # noqa: E402
+
+BAUD = 921600
 
 
 def line(plug):
@@ -31,21 +34,6 @@ def line(plug):
     return masters, slaves[0], paths[0]
 
 
-def carry(masters, signals):
-    """Carries bytes both ways until a signal comes."""
-    while True:
-        ready = select.select([signals, *masters], [], [])[0]
-        if signals in ready:
-            return
-        for fd in ready:
-            try:
-                data = os.read(fd, 4096)
-                os.write(masters[1 - masters.index(fd)], data)
-            except OSError:
-                # Nobody has the bench's end open, and nothing tells when somebody does.
-                time.sleep(0.005)
-
-
 def main():
     plug, python, script, report = sys.argv[1:]
     signals, wakes = os.pipe()
@@ -57,12 +45,13 @@ def main():
     while not ended:
         masters, held, path = line(plug)
         autopilot = subprocess.Popen(
-            [python, script, "--link", path, "--baud", "115200", "--rate", "100", "--arm-after", "0.5", "--report", report]
+            [python, script, "--link", path, "--baud", str(BAUD), "--rate", "100", "--arm-after", "0.5", "--report", report]
         )
-        carry(masters, signals)
+        carrier = wire.Wire(*masters, BAUD)
         ended = next_signal(signals) == signal.SIGTERM
         autopilot.terminate()
         autopilot.wait(timeout=10)
+        carrier.end()
         os.unlink(plug)
         for fd in [*masters, held]:
             os.close(fd)

@@ -9,9 +9,11 @@ pub mod devtools;
 pub mod flight;
 pub mod flood;
 pub mod foreign;
+pub mod mavlink;
 pub mod page;
 pub mod radio;
 pub mod relay;
+pub mod terminal;
 
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -21,6 +23,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+use terminal::{Screen, Terminal};
 use wait_timeout::ChildExt;
 
 /// Longest time that one run may take before it counts as hung.
@@ -180,24 +183,36 @@ pub fn whirlstand<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) 
 /// Starts a command in its own process group, with both outputs collected.
 #[track_caller]
 pub fn spawn(command: Command) -> Running {
-    start(command, Stdio::null(), Stdio::piped())
+    start(command, Stdio::null(), Stdio::piped(), None)
 }
 
 /// Starts two commands, with the output of the second as the standard input of the first.
 #[track_caller]
 pub fn spawn_listening(listener: Command, speaker: Command) -> (Running, Running) {
-    let mut listener = start(listener, Stdio::piped(), Stdio::piped());
+    let mut listener = start(listener, Stdio::piped(), Stdio::piped(), None);
     let words = listener.child.stdin.take().expect("piped");
-    (listener, start(speaker, Stdio::null(), words.into()))
+    (listener, start(speaker, Stdio::null(), words.into(), None))
 }
 
+/// As [`spawn_listening`], with the second command on a terminal, where somebody types `typed`: its standard error
+/// is what the terminal shows.
 #[track_caller]
-fn start(mut command: Command, stdin: Stdio, stdout: Stdio) -> Running {
+pub fn spawn_listening_to_terminal(listener: Command, speaker: Command, typed: &str) -> (Running, Running) {
+    let mut listener = start(listener, Stdio::piped(), Stdio::piped(), None);
+    let words = listener.child.stdin.take().expect("piped");
+    let Terminal { screen, stdin, stderr } = Terminal::typed(typed);
+    (listener, start(speaker, stdin, words.into(), Some((screen, stderr))))
+}
+
+/// Starts a command; `terminal` is its standard error and what it shows, a pipe when absent.
+#[track_caller]
+fn start(mut command: Command, stdin: Stdio, stdout: Stdio, terminal: Option<(Screen, Stdio)>) -> Running {
+    let (screen, stderr) = terminal.map_or((None, Stdio::piped()), |(screen, stderr)| (Some(screen), stderr));
     let mut child = command
         .process_group(0)
         .stdin(stdin)
         .stdout(stdout)
-        .stderr(Stdio::piped())
+        .stderr(stderr)
         .spawn()
         .unwrap_or_else(|e| panic!("{command:?} does not start: {e}"));
     let (out_tx, stdout) = channel();
@@ -209,7 +224,13 @@ fn start(mut command: Command, stdin: Stdio, stdout: Stdio) -> Running {
         let _ = out.map(|mut out| out.read_to_end(&mut text));
         let _ = out_tx.send(String::from_utf8_lossy(&text).into_owned());
     });
-    let err = BufReader::new(child.stderr.take().expect("piped"));
+    // The terminal ends when no process has it open any more.
+    drop(command);
+    let err: Box<dyn Read + Send> = match screen {
+        Some(screen) => Box::new(screen),
+        None => Box::new(child.stderr.take().expect("piped")),
+    };
+    let err = BufReader::new(err);
     std::thread::spawn(move || {
         let mut text = String::new();
         for line in err.lines().map_while(Result::ok) {

@@ -217,6 +217,35 @@ mod tests {
         assert_eq!(m.type_mask.bits(), 3);
     }
 
+    #[test]
+    fn an_angle_target_follows_each_stick_alone_with_its_sign() {
+        let angles = AttitudeTarget { kind: TargetKind::Angles, full: 0.5, full_yaw_rate: 1.0 };
+        for (pulses, want) in [
+            (us(1500.0, 1750.0, 1500.0), [0.0, 0.25]),
+            (us(1500.0, 1000.0, 1500.0), [0.0, -0.5]),
+            (us(1250.0, 1750.0, 1500.0), [-0.25, 0.25]),
+        ] {
+            for yaw in [0.0, 1.0, -2.0] {
+                let MavMessage::SET_ATTITUDE_TARGET(m) =
+                    attitude_target(&pulses, &IN_USE, &angles, yaw, (1, 1), Duration::ZERO)
+                else {
+                    panic!()
+                };
+                let [roll, pitch, heading] = euler(m.q.map(f64::from)).unwrap();
+                let off = [roll - want[0], pitch - want[1], heading - yaw];
+                assert!(off.iter().all(|d| d.abs() < 1e-6), "{pulses:?}, {yaw}: {off:?}");
+                assert_eq!((m.body_roll_rate, m.body_pitch_rate), (0.0, 0.0));
+            }
+        }
+        // Nose up is a positive rotation about the axis to the right.
+        let MavMessage::SET_ATTITUDE_TARGET(m) =
+            attitude_target(&us(1500.0, 2000.0, 1500.0), &IN_USE, &angles, 0.0, (1, 1), Duration::ZERO)
+        else {
+            panic!()
+        };
+        assert!((m.q[2] - 0.25f32.sin()).abs() < 1e-6 && m.q[1] == 0.0 && m.q[3] == 0.0, "{:?}", m.q);
+    }
+
     proptest! {
         #[test]
         fn angles_survive_the_quaternion(roll in -3.1..3.1f64, pitch in -1.5..1.5f64, yaw in -3.1..3.1f64, length in 0.1..9f64) {

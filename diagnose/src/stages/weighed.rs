@@ -12,7 +12,7 @@ pub(crate) struct Weighed {
     pub answer: Diagnosis,
     /// Likelihood of the record with everything that was found; `None` without a prediction.
     pub likelihood: Option<Likelihood>,
-    /// Gain in BIC of the causes had the inputs been at rest before the records.
+    /// True when the causes are likelier with inputs that were at rest before the records.
     pub rest_before: bool,
     /// True when the data themselves are wrong, so that no predictor helps.
     pub blocked: bool,

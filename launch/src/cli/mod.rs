@@ -240,8 +240,8 @@ pub(crate) enum BridgeCommand {
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
     whirlstand bridge check plant --launch quad-on-usb.toml\n\n\
-    For a vehicle: take the propellers off, lift it and follow the instructions; then each channel is moved by 100 \
-    us and read back. An armed vehicle is refused.\n  \
+    For a vehicle: take the propellers off, lift it and follow the instructions; then, if you agree, each channel is \
+    moved by 100 us and read back. An armed vehicle is refused.\n  \
     For an autopilot: the simulated vehicle is tilted about each axis, and the attitude that the autopilot reports \
     to its ground station must follow.")]
 pub(crate) struct BridgeCheckArgs {
@@ -253,8 +253,12 @@ pub(crate) struct BridgeCheckArgs {
     /// How long to wait for the vehicle and for each axis, in seconds or with a unit.
     #[arg(long, value_name = "TIME", value_parser = seconds, default_value = "20")]
     pub timeout: f64,
-    /// For a vehicle: skip the channels and only listen.
+    /// For a vehicle: the propellers are off, and its channels may move. Otherwise this is asked on a terminal, and
+    /// without one nothing moves.
     #[arg(long)]
+    pub yes: bool,
+    /// For a vehicle: skip the channels and only listen.
+    #[arg(long, conflicts_with = "yes")]
     pub no_outputs: bool,
     /// For an autopilot: where it sends telemetry to its ground station [default: udpin://0.0.0.0:14550, Betaflight:
     /// tcpout://127.0.0.1:5761]

@@ -1,10 +1,11 @@
 //! `whirlstand bridge`: checks the axes of real hardware.
 
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use std::time::Duration;
 
 use whirlstand_msgs::names::did_you_mean;
-use whirlstand_nodes::bridge::check::{CheckOptions, Finding, check_autopilot, check_vehicle};
+use whirlstand_nodes::bridge::check::{CheckOptions, Consent, Finding, check_autopilot, check_vehicle};
 
 use super::node::is_mendable;
 use super::print;
@@ -50,9 +51,9 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
         telemetry: args.telemetry.clone(),
         arm: args.arm,
     };
-    let check = if bridge.kind.is_vehicle() { check_vehicle } else { check_autopilot };
+    let mut ask = |question: &str| if args.yes { Consent::Given } else { consent(question) };
     let (mut wrong, mut unknown) = (0, 0);
-    check(&config, bridge, &options, &mut |finding| {
+    let mut say = |finding| {
         let text = match finding {
             Finding::Ask(text) | Finding::Told(text) => format!("{text}\n"),
             Finding::Good(text) => format!("{} {text}\n", style::good("ok")),
@@ -67,8 +68,13 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
         };
         // A reader that has gone away does not end the check.
         let _ = print(&text);
-    })
-    .map_err(|e| if is_mendable(&e) { Failure::mend(e) } else { Failure::run(e) })?;
+    };
+    let checked = if bridge.kind.is_vehicle() {
+        check_vehicle(&config, bridge, &options, &mut ask, &mut say)
+    } else {
+        check_autopilot(&config, bridge, &options, &mut say)
+    };
+    checked.map_err(|e| if is_mendable(&e) { Failure::mend(e) } else { Failure::run(e) })?;
     if wrong > 0 {
         print(&format!("{}\n", style::bad(&format!("{wrong} checks failed"))))?;
     }
@@ -76,4 +82,20 @@ fn check(args: &BridgeCheckArgs) -> Result<ExitCode, Failure> {
         print(&format!("{}\n", style::bad(&format!("{unknown} checks were not possible"))))?;
     }
     Ok(ExitCode::from(u8::from(wrong + unknown > 0)))
+}
+
+/// Asks on the terminal whether the channels may move; anything but a yes is a no.
+fn consent(question: &str) -> Consent {
+    let (stdin, mut stderr) = (std::io::stdin(), anstream::stderr());
+    if !stdin.is_terminal() || !std::io::stderr().is_terminal() {
+        return Consent::Nobody;
+    }
+    let mut answer = String::new();
+    // A terminal that has gone away answers nothing, which is a no.
+    let _ = write!(stderr, "{} [y/N] ", style::rendered(question)).and_then(|()| stderr.flush());
+    let _ = stdin.read_line(&mut answer);
+    match answer.trim().to_ascii_lowercase().as_str() {
+        "y" | "yes" => Consent::Given,
+        _ => Consent::Refused,
+    }
 }

@@ -1,6 +1,7 @@
 //! `whirlstand bridge check`: checks each axis of a bridge, live and disarmed.
 
 mod autopilot;
+mod consent;
 mod reaction;
 mod sticks;
 mod tilt;
@@ -9,6 +10,7 @@ mod vehicle;
 use std::time::Duration;
 
 pub use autopilot::check_autopilot;
+pub use consent::Consent;
 pub use vehicle::check_vehicle;
 
 /// Options of a check.
@@ -16,7 +18,7 @@ pub use vehicle::check_vehicle;
 pub struct CheckOptions {
     /// Longest wait for the other end and for each axis.
     pub timeout: Duration,
-    /// For a vehicle: also move the channels.
+    /// For a vehicle: also move the channels, with consent.
     pub outputs: bool,
     /// For an autopilot: endpoint of its telemetry; the usual one when absent.
     pub telemetry: Option<String>,

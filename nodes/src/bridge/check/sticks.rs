@@ -2,17 +2,43 @@
 //! the vehicle rolls right. A channel that increases then is one that rolls the vehicle right.
 
 use whirlstand_bridge::channels::Steering;
-use whirlstand_bridge::config::{BridgeConfig, BridgeKind, Output};
+use whirlstand_bridge::config::{BridgeKind, Output};
 
 use super::Finding;
+use super::consent::listed;
 
 /// Smallest change of a channel by a held stick, us.
 const HELD_US: f64 = 150.0;
 
-/// True when the vehicle may have its own radio: not where the bridge is its radio.
-pub(super) fn has_own_radio(bridge: &BridgeConfig) -> bool {
-    let output = bridge.options.mavlink.as_ref().map(|m| m.output);
-    bridge.kind == BridgeKind::Mavlink && !matches!(output, Some(Output::Crsf | Output::Sbus))
+/// Name of the radio line that the bridge sends to, where it is the vehicle's radio itself and the vehicle has
+/// no other.
+pub(super) fn radio_line(kind: BridgeKind, output: Option<Output>) -> Option<&'static str> {
+    match (kind, output) {
+        (BridgeKind::Crsf, _) | (BridgeKind::Mavlink, Some(Output::Crsf)) => Some("CRSF"),
+        (BridgeKind::Mavlink, Some(Output::Sbus)) => Some("SBUS"),
+        _ => None,
+    }
+}
+
+/// Why no channels came back.
+pub(super) fn no_channels(kind: BridgeKind) -> &'static str {
+    match kind {
+        BridgeKind::Crsf => {
+            "CRSF brings no channels back: watch it on the receiver page of the vehicle's configurator"
+        }
+        _ => "the vehicle does not report its channels (RC_CHANNELS)",
+    }
+}
+
+/// The direction of channels that go out over a radio line. A disarmed vehicle does not turn, so its attitude
+/// shows nothing either; the bridge compares the two as soon as the vehicle flies.
+pub(super) fn one_way(line: &str, steering: &[Steering]) -> Finding {
+    let channels: Vec<_> = steering.iter().map(|s| s.channel).collect();
+    Finding::Unknown(format!(
+        "{}: which way the vehicle turns, because over {line} a disarmed vehicle shows nothing of what a channel \
+         does; in flight the bridge compares the attitude with its commands, and goes neutral at a wrong sign",
+        listed(&channels, |_| String::new())
+    ))
 }
 
 /// The channel, from 0, that moved most from its rest position while a stick is held, and its change, us.
@@ -45,6 +71,17 @@ pub(super) fn judge(steering: Steering, moved: Option<(usize, f64)>) -> Finding 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn channels_that_go_out_over_a_radio_line_are_told_as_unchecked_once() {
+        assert_eq!(radio_line(BridgeKind::Crsf, None), Some("CRSF"));
+        assert_eq!(radio_line(BridgeKind::Mavlink, Some(Output::Crsf)), Some("CRSF"));
+        assert_eq!(radio_line(BridgeKind::Mavlink, Some(Output::Sbus)), Some("SBUS"));
+        assert_eq!(radio_line(BridgeKind::Mavlink, Some(Output::RcOverride)), None);
+        let steering = [0, 1].map(|channel| Steering { channel, axis: channel, up_is_positive: true });
+        let Finding::Unknown(text) = one_way("SBUS", &steering) else { panic!() };
+        assert!(text.starts_with("channels 1 and 2: which way") && text.contains("over SBUS"), "{text}");
+    }
 
     #[test]
     fn a_stick_says_which_channel_it_moves_and_which_way() {

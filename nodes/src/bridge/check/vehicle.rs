@@ -1,14 +1,14 @@
 //! Check of a vehicle.
 //!
 //! First the vehicle is moved by hand, axis by axis, and its attitude and rates must follow with the correct
-//! sign, mostly about that axis. Then each channel is moved by 100 us and read back where the vehicle reports
-//! it (`RC_CHANNELS`), and the sticks of the vehicle's own radio show the sign of each channel. Outputs pass
-//! the same limits as in flight, and an armed vehicle is refused.
+//! sign, mostly about that axis. Then, with consent, each channel is moved by 100 us and read back where the
+//! vehicle reports it (`RC_CHANNELS`), and the sticks of the vehicle's own radio show the sign of each channel.
+//! Outputs pass the same limits as in flight, and an armed vehicle is refused.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use whirlstand_bridge::channels::{Input, Steering};
+use whirlstand_bridge::channels::{CHANNELS, Input, Steering};
 use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bridge::sensors::wrapped;
 use whirlstand_bridge::turning::inputs_of;
@@ -18,6 +18,7 @@ use whirlstand_msgs::valid;
 use super::super::vehicle::links::VehicleLinks;
 use super::super::vehicle::open_vehicle;
 use super::super::vehicle::shared_vehicle::{SharedVehicle, lock};
+use super::consent::{self, Consent, MOVED_BY_US};
 use super::{CheckOptions, Finding, sticks};
 use crate::config::NodeConfig;
 use crate::error::NodeError;
@@ -51,7 +52,8 @@ struct Check<'a> {
     say: &'a mut dyn FnMut(Finding),
 }
 
-/// Checks the bridge to a vehicle; `say` receives each finding when it is made.
+/// Checks the bridge to a vehicle; `say` receives each finding when it is made. `ask` receives the question
+/// whether the channels may move, before anything is sent.
 ///
 /// # Errors
 /// For invalid options, and a vehicle that does not answer.
@@ -59,10 +61,15 @@ pub fn check_vehicle(
     config: &NodeConfig,
     bridge: &BridgeConfig,
     options: &CheckOptions,
+    ask: &mut dyn FnMut(&str) -> Consent,
     say: &mut dyn FnMut(Finding),
 ) -> Result<(), NodeError> {
     let setup = Setup::new(config)?;
     let vehicle = open_vehicle(config, bridge, &setup)?;
+    let inputs = inputs_of(&setup.vehicle);
+    let in_use: Vec<_> = (0..CHANNELS).filter(|c| vehicle.channels().1[*c]).collect();
+    // Asked before the link is opened: nobody serves the link while an answer is awaited.
+    let consent = options.outputs.then(|| ask(&consent::question(&in_use, &vehicle.steering(&inputs).0)));
     let links = VehicleLinks::new(bridge)?;
     let shared = links.share(vehicle, Gate::new(setup.limits, 1), Instant::now());
     let mut check = Check { shared: Mutex::new(shared), links, timeout: options.timeout, say };
@@ -75,9 +82,13 @@ pub fn check_vehicle(
     for (axis, (name, ask)) in AXES.iter().enumerate() {
         check.axis(axis, name, ask);
     }
-    if options.outputs {
-        check.outputs();
-        check.signs(&inputs_of(&setup.vehicle), bridge);
+    match consent {
+        Some(Consent::Given) => {
+            check.outputs(&in_use, bridge);
+            check.signs(&inputs, bridge);
+        }
+        Some(without) => in_use.iter().for_each(|c| (check.say)(consent::unmoved(*c, without))),
+        None => {}
     }
     let mut shared = lock(&check.shared);
     let now = shared.now();
@@ -194,16 +205,14 @@ impl Check<'_> {
         });
     }
 
-    fn outputs(&mut self) {
-        let in_use = *lock(&self.shared).vehicle.channels().1;
-        for channel in (0..in_use.len()).filter(|c| in_use[*c]) {
+    fn outputs(&mut self, in_use: &[usize], bridge: &BridgeConfig) {
+        for &channel in in_use {
             let number = channel + 1;
             let rest = self.pushed(channel, 0.0);
-            let up = self.pushed(channel, 100.0);
+            let up = self.pushed(channel, MOVED_BY_US);
             let (Some(rest), Some(up)) = (rest, up) else {
-                let text =
-                    format!("channel {number}: the vehicle does not report its channels (RC_CHANNELS)");
-                (self.say)(Finding::Unknown(text));
+                let why = sticks::no_channels(bridge.kind);
+                (self.say)(Finding::Unknown(format!("channel {number}: whether it arrives, because {why}")));
                 continue;
             };
             let change: Vec<_> = up.iter().zip(&rest).map(|(a, b)| a - b).collect();
@@ -233,10 +242,16 @@ impl Check<'_> {
         for sentence in sentences {
             (self.say)(Finding::Told(sentence));
         }
-        let lent = sticks::has_own_radio(bridge) && self.lend(true);
+        let output = bridge.options.mavlink.as_ref().map(|m| m.output);
+        if let Some(line) = sticks::radio_line(bridge.kind, output) {
+            if !steering.is_empty() {
+                (self.say)(sticks::one_way(line, &steering));
+            }
+            return;
+        }
+        self.lend(true);
         for steering in steering {
-            let rest = if lent { self.resting() } else { None };
-            let finding = match rest {
+            let finding = match self.resting() {
                 Some(rest) => self.stick(steering, &rest),
                 None => Finding::Unknown(format!(
                     "channel {}: which way it turns the vehicle, because the vehicle tells nothing of a radio of its own",
@@ -249,12 +264,11 @@ impl Check<'_> {
     }
 
     /// Hands the channels over to the vehicle's own radio, or takes them back.
-    fn lend(&mut self, lent: bool) -> bool {
+    fn lend(&mut self, lent: bool) {
         let mut shared = lock(&self.shared);
         let now = shared.now();
         shared.vehicle.lend(lent, now);
         shared.flush();
-        lent
     }
 
     /// The vehicle's channels at rest.

@@ -121,7 +121,7 @@ impl Hil {
             commands: bus.publisher()?,
             exchanges: bus.publisher()?,
             sensed: None,
-            standing: StandingErrors::new(vehicle, config.seed),
+            standing: StandingErrors::of(config, setup)?,
             setpoints: bus.publisher()?,
             peers: Peers::open(bus, Role::Controller, vec![])?,
             autopilot: options.autopilot(config.period_ns),

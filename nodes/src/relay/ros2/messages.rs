@@ -257,6 +257,49 @@ mod tests {
         assert!(decode(&bytes).unwrap_err().contains("data_offset"));
     }
 
+    #[test]
+    fn a_big_endian_command_reads_as_a_little_endian_one() {
+        let body = to_vec::<_, BigEndian>(&command(vec![9.0, 1.5, -2.0], 1)).unwrap();
+        assert_eq!(decode(&[&[0, 0, 0, 0], &body[..]].concat()), Ok(vec![1.5, -2.0]));
+        // As published by hand: no labels, no offset, one value of 1.5.
+        let by_hand =
+            [&[0, 0, 0, 0][..], &[0; 8], &[0, 0, 0, 1], &[0; 4], &[0x3f, 0xf8, 0, 0, 0, 0, 0, 0]].concat();
+        assert_eq!(decode(&by_hand), Ok(vec![1.5]));
+        // Parameter lists and the second version of CDR are other encodings.
+        for kind in [[0, 2], [0, 3], [0, 7], [1, 0]] {
+            let framed = [&kind[..], &[0, 0], &body[..]].concat();
+            assert!(decode(&framed).unwrap_err().contains("plain CDR"), "{kind:?}");
+        }
+    }
+
+    /// The vector that `v` of the body is in the world.
+    fn turned(q: Quaternion, v: [f64; 3]) -> [f64; 3] {
+        let cross = |a: [f64; 3], b: [f64; 3]| {
+            std::array::from_fn(|i| a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
+        };
+        let axis = [q.x, q.y, q.z];
+        let once: [f64; 3] = cross(axis, v);
+        let twice: [f64; 3] = cross(axis, once);
+        std::array::from_fn(|i| v[i] + 2.0 * (q.w * once[i] + twice[i]))
+    }
+
+    #[test]
+    fn angles_combine_as_yaw_then_pitch_then_roll() {
+        for (roll, pitch, yaw) in
+            [(0.3, 0.4, 0.0), (0.3, 0.0, 1.2), (0.0, -0.4, 1.2), (-0.3, 0.4, -2.0), (0.7, -0.2, 0.5)]
+        {
+            let imu = msgs::Imu { roll, pitch, yaw, ..bytemuck::Zeroable::zeroed() };
+            let q = of_step(&imu, &bytemuck::Zeroable::zeroed(), Time::from_ns(0)).0.orientation;
+            assert!((q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w - 1.0).abs() < 1e-12);
+            // The nose is up by the pitch and right by the yaw; the left side is up by the roll, seen along the nose.
+            let (nose, left) = (turned(q, [1.0, 0.0, 0.0]), turned(q, [0.0, 1.0, 0.0]));
+            let want = [pitch.cos() * yaw.cos(), -pitch.cos() * yaw.sin(), pitch.sin()];
+            let off = (0..3).map(|i| (nose[i] - want[i]).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-12, "{roll}, {pitch}, {yaw}: {nose:?}, not {want:?}");
+            assert!((left[2] - roll.sin() * pitch.cos()).abs() < 1e-12, "{roll}, {pitch}, {yaw}: {left:?}");
+        }
+    }
+
     proptest! {
         #[test]
         fn any_bytes_are_a_command_or_an_error(bytes in proptest::collection::vec(any::<u8>(), 0..300), little in any::<bool>()) {

@@ -3,8 +3,9 @@
 //! The relay speaks Zenoh as `rmw_zenoh` does, so that the tools of ROS 2 find its topics. A ROS 2 command
 //! does not name its step. In lockstep, and always at step 0, the first one that arrives after a step was
 //! published answers it. In real time the newest one does, at once when it arrives within [`ANSWER_SHARE`] of
-//! the period; after [`HELD_S`] without one there is no answer, and the plant goes to its failsafe.
+//! the period; after 0.2 s without one there is no answer, and the plant goes to its failsafe.
 
+mod held;
 mod messages;
 mod names;
 mod options;
@@ -14,8 +15,9 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use whirlstand_bus::{Bus, Subscriber};
-use whirlstand_msgs::{Command, Estimate, Head, Imu, MAX_INPUTS, Message, Odometry, flags};
+use whirlstand_msgs::{Command, Estimate, Head, Imu, Message, Odometry};
 
+use self::held::Held;
 use self::messages::{Time, of_step};
 pub use self::names::RosNode;
 pub use self::options::Ros2Options;
@@ -29,9 +31,6 @@ use crate::ports::receive;
 /// Share of the period for which a controller in real time is waited for; the rest is for transmission of the
 /// command.
 const ANSWER_SHARE: f64 = 0.5;
-
-/// Longest time for which a ROS 2 command is held in real time, s.
-const HELD_S: f64 = 0.2;
 
 /// Period of checks whether the end was requested.
 const LOOK: Duration = Duration::from_millis(100);
@@ -80,8 +79,7 @@ struct Relay<'a> {
     ros: Ros,
     /// The step without an answer so far.
     open_step: Option<Head>,
-    /// The newest ROS 2 command, with its time of arrival.
-    held: Option<(Vec<f64>, Instant)>,
+    held: Held,
     /// Wall-clock time of step 0, ns since the Unix epoch.
     epoch_ns: Option<u64>,
     damaged: u64,
@@ -99,7 +97,7 @@ impl<'a> Relay<'a> {
             answers: options.controls.then(|| Answers::open(bus)).transpose()?,
             ros: Ros::open(options)?,
             open_step: None,
-            held: None,
+            held: Held::default(),
             epoch_ns: None,
             damaged: 0,
         })
@@ -121,7 +119,7 @@ impl<'a> Relay<'a> {
         }
         // Commands that arrived earlier belong to an earlier step.
         while let Ok(command) = self.ros.commands.try_recv() {
-            self.held = Some((command, Instant::now()));
+            self.held.keep(command, Instant::now());
         }
         let stamp = self.stamp(head);
         let (imu, odometry, tf) = of_step(&self.imu, &self.odometry, stamp);
@@ -144,17 +142,10 @@ impl<'a> Relay<'a> {
         let realtime = self.options.mode == Mode::Realtime && head.step > 0;
         let window = if realtime { self.options.period.mul_f64(ANSWER_SHARE) } else { LOOK };
         match self.ros.commands.recv_timeout(window) {
-            Ok(values) => self.held = Some((values, Instant::now())),
+            Ok(values) => self.held.keep(values, Instant::now()),
             Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) if realtime => {}
             Err(_) => return None,
         }
-        let fresh = self.held.as_ref().filter(|(_, at)| !realtime || at.elapsed().as_secs_f64() <= HELD_S);
-        let withheld = Command { head, flags: flags::WITHHELD, ..Command::zeroed() };
-        let Some((values, _)) = fresh else { return Some(withheld) };
-        let mut command = Command { head, ..Command::zeroed() };
-        let count = values.len().min(MAX_INPUTS);
-        command.u[..count].copy_from_slice(&values[..count]);
-        command.count = count as u32;
-        Some(command)
+        Some(self.held.answer(head, realtime, Instant::now()))
     }
 }
