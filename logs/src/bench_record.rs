@@ -185,7 +185,8 @@ impl Groups {
                 let ours = m.in_charge == charge::CONTROLLER;
                 self.sent.push(m.head.stamp_ns, if ours { &m.u } else { &[f64::NAN; MAX_INPUTS] });
             }
-            BenchMessage::Autopilot(_)
+            BenchMessage::Reported(_)
+            | BenchMessage::Autopilot(_)
             | BenchMessage::Finding(_)
             | BenchMessage::Adjustment(_)
             | BenchMessage::Health(_) => {}
