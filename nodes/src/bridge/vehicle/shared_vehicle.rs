@@ -92,13 +92,14 @@ mod tests {
     #[test]
     fn an_output_to_a_closed_line_is_not_logged_as_sent() {
         let plant = whirlstand_vehicle::Vehicle::builtin("quadrotor").unwrap();
-        let options =
-            serde_json::from_str(r#"{"safety": {"arm": "start"}, "crsf": {"link": "serial:///x:1"}}"#);
+        let options = serde_json::from_str(
+            r#"{"safety": {"arm": "start"}, "crsf": {"link": "serial:///dev/x:420000"}}"#,
+        );
         let config = BridgeConfig { kind: BridgeKind::Crsf, options: options.unwrap() };
         let bench = Bench {
             inputs: inputs_of(&plant),
             own: own_motion_of(&plant),
-            rate_hz: 1.0,
+            rate_hz: 100.0,
             wants_odometry: false,
             signing: None,
         };
@@ -111,17 +112,16 @@ mod tests {
         let senders = vec![(Port::Link, link.sender())];
         let mut shared =
             SharedVehicle::new(Vehicle::new(&config, bench).unwrap(), gate, senders, Instant::now());
-        let mut sent = || {
-            let now = shared.now();
-            shared.vehicle.poll(now + Duration::from_secs(1));
+        let mut sent = |at| {
+            shared.vehicle.poll(at);
             shared.flush();
-            (shared.vehicle.sent(now), shared.dropped())
+            (shared.vehicle.sent(at), shared.dropped())
         };
-        let (closed, dropped) = sent();
+        let (closed, dropped) = sent(Duration::from_secs(1));
         assert!(closed.channels.iter().chain(&closed.u[..2]).all(|v| v.is_nan()), "{closed:?}");
         assert_eq!((closed.messages, dropped), (0, 1));
         assert_eq!(link.maintain(Instant::now()), Some(LinkEvent::Up));
-        let (open, dropped) = sent();
+        let (open, dropped) = sent(Duration::from_secs(2));
         assert!(open.channels.iter().chain(&open.u[..2]).all(|v| v.is_finite()), "{open:?}");
         assert_eq!((open.messages, dropped), (1, 1));
     }

@@ -2,6 +2,7 @@
 
 use whirlstand_bridge::vehicle::Figures;
 
+/// Counts of the links, and the offset of the vehicle's clock.
 pub(super) fn tell_figures(f: &Figures, dropped: u64) {
     tracing::info!(
         messages = f.messages,
