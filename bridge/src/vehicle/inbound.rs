@@ -6,7 +6,6 @@ use super::receivers::Receivers;
 use super::{Group, Port, SBUS_PAUSE, Source, Vehicle};
 use crate::config::PilotSource;
 use crate::crsf;
-use crate::mavlink::MavMessage;
 use crate::sbus;
 
 /// Number of bytes without a CRSF frame from which a wrong baud rate is reported.
