@@ -28,7 +28,8 @@ fn a_slow_autopilot_in_lockstep_is_flown_on_its_previous_outputs_in_realtime() -
 fn a_board_that_reboots_on_its_line_is_recognised_and_flies_again_once_armed() -> Outcome {
     let dir = tempfile::tempdir().unwrap();
     let line = dir.path().join("ttyACM0").display().to_string();
-    let arguments = ["0", "REPORT", "--free", "--pty", &line, "--reboot-after", "1000"].map(Into::into);
+    let arguments = ["0", "REPORT", "--free", "--pty", &line, "--baud", "921600", "--reboot-after", "1000"]
+        .map(Into::into);
     let link = format!("bridge.px4.link=serial://{line}:921600");
     let rest = ["--mode", "realtime", "--set", "rate_hz=250"];
     let flight = fly("px4-hil", "px4.py", &arguments, &[link], &rest)?;

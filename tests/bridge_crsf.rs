@@ -3,10 +3,13 @@
 
 mod support;
 
+use std::path::Path;
+
 use serde_json::{Value, json as value};
 use support::bridged::{setpoints, what_the_controller_flew_alone_is_learned_from};
 use support::radio::Place;
 use support::{json, said, spawn, spawn_listening, whirlstand};
+use whirlstand_logs::{BenchMessage, Log};
 use whirlstand_test_harness::undisturbed;
 
 /// Roll and throttle channels that were received in a phase.
@@ -59,7 +62,28 @@ fn the_pilot_arms_takes_over_and_a_lost_link_is_neutral() {
         ] {
             assert!(end.stderr.contains(words), "{words}: {}", end.stderr);
         }
+        the_log_has_what_the_module_received(&out, &report);
     });
+}
+
+/// Every set of channels in the log is one that the module received, all 16 of them, and the vehicle's arm switch on
+/// channel 5 was seen on and off.
+fn the_log_has_what_the_module_received(out: &Path, report: &Value) {
+    let received: Vec<[f64; 16]> = serde_json::from_value(report["channels"].clone()).unwrap();
+    let log = Log::open(out).unwrap();
+    let (mut steps, mut arm) = (0, [false; 2]);
+    for message in log.bench_messages().unwrap() {
+        let BenchMessage::Sent(sent) = message.unwrap() else { continue };
+        // Nothing left the bridge before and after the module was there.
+        if sent.channels.iter().all(|us| us.is_nan()) {
+            continue;
+        }
+        steps += 1;
+        let near = |came: &&[f64; 16]| came.iter().zip(&sent.channels).all(|(a, b)| (a - b).abs() <= 1.0);
+        assert!(received.iter().any(|came| near(&came)), "{:?} is logged, and never came", sent.channels);
+        arm[usize::from(sent.channels[4] > 1500.0)] = true;
+    }
+    assert!(steps >= 300 && arm == [true; 2], "{steps} steps, switch off and on: {arm:?}");
 }
 
 #[test]

@@ -11,6 +11,7 @@ pub mod autopilot;
 pub mod channels;
 pub mod config;
 pub mod crsf;
+mod forward;
 pub mod limit;
 mod line;
 pub mod mavlink;

@@ -7,7 +7,7 @@ use std::time::Duration;
 use support::{Pair, config};
 use whirlstand_bridge::arming::Mode;
 use whirlstand_bridge::config::BridgeKind;
-use whirlstand_bridge::mavlink::{Encoder, Key, MavMessage, Signing};
+use whirlstand_bridge::mavlink::{Encoder, Key, MavMessage, Signing, dialect};
 use whirlstand_bridge::vehicle::{Bench, Group, Port, Vehicle};
 
 /// What a line at half the baud rate gives: each byte is read as two others.
@@ -186,4 +186,103 @@ fn no_more_outputs_go_to_a_line_than_it_carries_and_the_newest_count() {
     config.options.mavlink = Some(support::mavlink(asked));
     let error = Vehicle::new(&config, support::bench()).err().unwrap().to_string();
     assert!(error.contains("output_rate_hz") && error.contains("at most 92"), "{error}");
+}
+
+#[test]
+fn an_upload_by_a_ground_station_delays_no_override() {
+    let mut config = config();
+    let text =
+        r#"{"link": "serial:///dev/x:57600", "forward": "udpout://127.0.0.1:2", "message_rate_hz": 0.0}"#;
+    config.options.mavlink = Some(support::mavlink(text));
+    let mut pair = Pair::flying(&config);
+    let mut station = Encoder::new(250, 1);
+    let mut upload = Vec::new();
+    while upload.len() < 65_536 {
+        let message = MavMessage::PARAM_SET(dialect::PARAM_SET_DATA {
+            param_type: dialect::MavParamType::MAV_PARAM_TYPE_REAL32,
+            ..Default::default()
+        });
+        station.encode(&message, pair.now, &mut upload);
+    }
+    // What the line of 57,600 baud still has to send.
+    let mut free_at = pair.now;
+    let (mut passed, mut outputs, mut latest) = (0, 0, Duration::ZERO);
+    let refused = pair.vehicle.figures().refused;
+    for k in 0..600 {
+        if k == 100 {
+            pair.vehicle.receive(Port::Ground, &upload, true, pair.now);
+        }
+        pair.now += Duration::from_millis(5);
+        pair.say(&pair.heartbeat());
+        pair.say(&pair.attitude(0.0));
+        let before = pair.vehicle.figures().outputs;
+        pair.vehicle.command(&[5.0, 0.0], pair.now);
+        pair.vehicle.poll(pair.now);
+        let mut bytes = std::mem::take(pair.vehicle.output(Port::Link)).len();
+        if pair.vehicle.figures().outputs > before {
+            outputs += 1;
+            latest = latest.max(free_at.saturating_sub(pair.now));
+        }
+        if bytes > 0 {
+            pair.vehicle.handed_on(Port::Link, bytes, true, pair.now);
+        }
+        while let Some(frame) = pair.vehicle.next_forwarded(pair.now) {
+            (passed, bytes) = (passed + 1, bytes + frame.len());
+        }
+        free_at = free_at.max(pair.now) + Duration::from_secs_f64(bytes as f64 * 10.0 / 57_600.0);
+    }
+    // The line carries at most 92 overrides a second.
+    assert!(latest < Duration::from_millis(11), "an override waited for {latest:?}");
+    assert!(outputs >= 190, "{outputs} in 3 s");
+    let figures = pair.vehicle.figures();
+    assert!(passed > 50 && figures.unforwarded > 1000, "{passed} passed, {} left out", figures.unforwarded);
+    assert_eq!(figures.refused, refused + figures.unforwarded);
+    let told = pair.notes();
+    assert_eq!(
+        told.iter().filter(|n| n.contains("more than the line carries besides")).count(),
+        1,
+        "{told:?}"
+    );
+}
+
+#[test]
+fn a_rate_that_another_station_lowered_is_asked_for_again() {
+    let mut pair = Pair::flying(&config());
+    let accepted = MavMessage::COMMAND_ACK(dialect::COMMAND_ACK_DATA {
+        command: dialect::MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+        result: dialect::MavResult::MAV_RESULT_ACCEPTED,
+        ..Default::default()
+    });
+    // The attitude comes every step, or in every tenth; other messages do not come at all.
+    let seconds = |pair: &mut Pair, seconds: u32, every: u32| {
+        let mut asked = 0;
+        for k in 0..200 * seconds {
+            pair.now += Duration::from_millis(5);
+            pair.say(&pair.heartbeat());
+            if k % every == 0 {
+                pair.say(&pair.attitude(0.0));
+            }
+            pair.vehicle.command(&[5.0, 0.0], pair.now);
+            pair.vehicle.poll(pair.now);
+            pair.heard.clear();
+            pair.listen();
+            for message in std::mem::take(&mut pair.heard) {
+                if let MavMessage::COMMAND_LONG(c) = message {
+                    asked += u32::from(c.param1 == 30.0);
+                    pair.say(&accepted);
+                }
+            }
+        }
+        asked
+    };
+    seconds(&mut pair, 5, 1);
+    assert_eq!(seconds(&mut pair, 20, 1), 0, "it comes as asked for");
+    pair.notes();
+    assert_eq!(seconds(&mut pair, 4, 10), 1, "and again when it does not, once");
+    let notes = pair.notes();
+    assert!(
+        notes.iter().any(|n| n.starts_with("message 30 arrives") && n.contains("instead of 200")),
+        "{notes:?}"
+    );
+    assert_eq!(seconds(&mut pair, 20, 1), 0);
 }

@@ -223,6 +223,10 @@ fn a_ground_station_may_ask_but_not_steer() {
         let data = dialect::COMMAND_LONG_DATA { command, param1, target_system: 1, ..Default::default() };
         MavMessage::COMMAND_LONG(data)
     };
+    let command_int = |command, param1| {
+        let data = dialect::COMMAND_INT_DATA { command, param1, target_system: 1, ..Default::default() };
+        MavMessage::COMMAND_INT(data)
+    };
     let stream = |req_stream_id| {
         let data = dialect::REQUEST_DATA_STREAM_DATA {
             req_message_rate: 4,
@@ -237,6 +241,11 @@ fn a_ground_station_may_ask_but_not_steer() {
     for (message, passes, counts) in [
         (command(Cmd::MAV_CMD_DO_MOTOR_TEST, 1.0), false, 1),
         (command(Cmd::MAV_CMD_DO_SET_SERVO, 1.0), false, 1),
+        (command_int(Cmd::MAV_CMD_DO_MOTOR_TEST, 1.0), false, 1),
+        (command_int(Cmd::MAV_CMD_DO_SET_SERVO, 1.0), false, 1),
+        (command_int(Cmd::MAV_CMD_SET_MESSAGE_INTERVAL, 30.0), false, 0),
+        (command_int(Cmd::MAV_CMD_SET_MESSAGE_INTERVAL, 74.0), true, 0),
+        (command_int(Cmd::MAV_CMD_DO_REPOSITION, 1.0), true, 0),
         // Rates of what the loop flies on: attitude, and the group that holds it.
         (command(Cmd::MAV_CMD_SET_MESSAGE_INTERVAL, 30.0), false, 0),
         (stream(Stream::MAV_DATA_STREAM_EXTRA1), false, 0),

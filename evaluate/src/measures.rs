@@ -105,6 +105,7 @@ impl<'a> Measures<'a> {
             BenchMessage::Outputs(m) => self.take_measured(m, coming),
             BenchMessage::Disturbance(_)
             | BenchMessage::Sent(_)
+            | BenchMessage::Reported(_)
             | BenchMessage::Autopilot(_)
             | BenchMessage::Finding(_)
             | BenchMessage::Adjustment(_)

@@ -33,6 +33,7 @@ pub(crate) fn place(message: &BenchMessage) -> Option<(usize, u64)> {
         BenchMessage::Outputs(m) => at(6, m),
         BenchMessage::Disturbance(_)
         | BenchMessage::Sent(_)
+        | BenchMessage::Reported(_)
         | BenchMessage::Autopilot(_)
         | BenchMessage::Finding(_)
         | BenchMessage::Adjustment(_)

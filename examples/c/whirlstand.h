@@ -135,6 +135,19 @@ typedef struct {
 } whirlstand_sent;
 static const whirlstand_layout whirlstand_sent_layout = {0x626298cbd73834b9u, sizeof(whirlstand_sent), {{'q', 3}, {'d', 41}, {'q', 1}, {'i', 4}}};
 
+/* topic reported, 64 bytes */
+typedef struct {
+    whirlstand_head head;
+    double rssi;
+    double remote_rssi;
+    double pilot_rssi;
+    uint32_t custom_mode;
+    uint32_t base_mode;
+    uint32_t system_status;
+    uint32_t known;
+} whirlstand_reported;
+static const whirlstand_layout whirlstand_reported_layout = {0xb397116d9a304fa5u, sizeof(whirlstand_reported), {{'q', 3}, {'d', 3}, {'i', 4}}};
+
 /* topic autopilot, 544 bytes */
 typedef struct {
     whirlstand_head head;

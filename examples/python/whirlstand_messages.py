@@ -239,6 +239,22 @@ class Sent(Message):
     ]
 
 
+class Reported(Message):
+    TOPIC = "reported"
+    TYPE_NAME = "whirlstand/msg/Reported"
+    SCHEMA_HASH = 0xb397116d9a304fa5
+    _fields_ = [
+        ("head", Head),
+        ("rssi", c_double),
+        ("remote_rssi", c_double),
+        ("pilot_rssi", c_double),
+        ("custom_mode", c_uint32),
+        ("base_mode", c_uint32),
+        ("system_status", c_uint32),
+        ("known", c_uint32),
+    ]
+
+
 class Autopilot(Message):
     TOPIC = "autopilot"
     TYPE_NAME = "whirlstand/msg/Autopilot"

@@ -4,7 +4,7 @@ use whirlstand_bus::{Bus, OpenError, RecvError, Subscriber};
 use whirlstand_logs::BenchMessage;
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, Message, Odometry, Outputs,
-    Sent, Setpoint, Truth,
+    Reported, Sent, Setpoint, Truth,
 };
 
 /// Queue length of each topic. A viewer may miss messages of a fast bench, and is told how many.

@@ -138,6 +138,7 @@ impl Rows {
             }
             BenchMessage::Disturbance(_)
             | BenchMessage::Sent(_)
+            | BenchMessage::Reported(_)
             | BenchMessage::Autopilot(_)
             | BenchMessage::Finding(_)
             | BenchMessage::Adjustment(_)

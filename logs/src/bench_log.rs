@@ -2,7 +2,7 @@
 
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Head, Health, Imu, MAX_OUTPUTS, Message,
-    Odometry, Outputs, Sent, Setpoint, Truth, valid,
+    Odometry, Outputs, Reported, Sent, Setpoint, Truth, valid,
 };
 
 use crate::bench_info::BenchInfo;
@@ -29,6 +29,7 @@ macro_rules! loop_topics {
             command: Command,
             setpoint: Setpoint,
             sent: Sent,
+            reported: Reported,
             autopilot: Autopilot,
             finding: Finding,
         }

@@ -3,7 +3,7 @@
 //! | signal | from |
 //! |---|---|
 //! | outputs (`roll`, `roll_rate`, `lateral_speed`, ...) | `Imu`, `Odometry` and `Outputs`; NaN at steps where the sensor gave no fresh value |
-//! | inputs (`u_roll`, ...) | `Truth`: what the plant applied from this step on; of a real vehicle `Sent`: what acted while the controller was in charge, NaN while it was not; without both, the `Command` of the step before |
+//! | inputs (`u_roll`, ...) | `Truth`: what the plant applied from this step on; of a real vehicle `Sent`: what acted while the controller was in charge, NaN while it was not, or the output did not leave; without both, the `Command` of the step before |
 //! | `truth.NAME` | states of `Truth` |
 //! | `estimate.NAME`, `estimate.std.NAME` | states of `Estimate` and their standard deviation |
 //! | `setpoint.NAME` | states of `Setpoint` that are tracked; NaN at steps where they are not |
@@ -185,7 +185,8 @@ impl Groups {
                 let ours = m.in_charge == charge::CONTROLLER;
                 self.sent.push(m.head.stamp_ns, if ours { &m.u } else { &[f64::NAN; MAX_INPUTS] });
             }
-            BenchMessage::Autopilot(_)
+            BenchMessage::Reported(_)
+            | BenchMessage::Autopilot(_)
             | BenchMessage::Finding(_)
             | BenchMessage::Adjustment(_)
             | BenchMessage::Health(_) => {}

@@ -32,8 +32,8 @@ pub use finding::{Finding, FindingStage, MAX_PARAMETERS, text_field, text_of};
 pub use head::Head;
 pub use health::{Health, LATENCY_BUCKETS, NodeState, latency_bucket, latency_bucket_upper_ns};
 pub use types::{
-    Autopilot, Command, Disturbance, Estimate, Imu, Odometry, Outputs, Progress, Sent, Setpoint, Truth,
-    armed, charge, flags, valid,
+    Autopilot, Command, Disturbance, Estimate, Imu, Odometry, Outputs, Progress, Reported, Sent, Setpoint,
+    Truth, armed, charge, flags, valid,
 };
 pub use wire::{DecodeError, SCHEMA_HASH_BYTES, decode, encode};
 

@@ -205,8 +205,29 @@ message! {
         in_charge: u32 => "uint32",
         /// Whether the vehicle is armed, [`armed`].
         armed: u32 => "uint32",
-        /// Reason why no source is in charge, as numbered in the bridge's document; 0 for none.
+        /// Reason why no source is in charge, as numbered in `docs/bridges.md`; 0 for none.
         reason: u32 => "uint32",
+    }
+}
+
+message! {
+    /// State that a real vehicle behind a MAVLink bridge has reported last before step k. Signal strengths are
+    /// shares of the largest value of the protocol; NaN while unknown.
+    Reported on "reported" {
+        /// Signal with which this end of the radio link hears the vehicle, 0 to 1.
+        rssi: f64 => "float64",
+        /// Signal with which the vehicle's end of the radio link hears this one, 0 to 1.
+        remote_rssi: f64 => "float64",
+        /// Signal of the pilot's radio at the vehicle, 0 to 1.
+        pilot_rssi: f64 => "float64",
+        /// Flight mode, numbered by the autopilot (`custom_mode` of its heartbeat).
+        custom_mode: u32 => "uint32",
+        /// Flags of the mode (`base_mode`, MAV_MODE_FLAG).
+        base_mode: u32 => "uint32",
+        /// State of the vehicle (`system_status`, MAV_STATE).
+        system_status: u32 => "uint32",
+        /// 1 when a heartbeat was received, and the mode and the state are known; else 0.
+        known: u32 => "uint32",
     }
 }
 

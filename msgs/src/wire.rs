@@ -64,7 +64,7 @@ mod tests {
     use super::*;
     use crate::{
         Adjustment, Autopilot, Command, Disturbance, Estimate, Health, Imu, Odometry, Outputs, Progress,
-        Sent, Setpoint, Stick, Truth,
+        Reported, Sent, Setpoint, Stick, Truth,
     };
     use proptest::prelude::*;
 
@@ -110,6 +110,7 @@ mod tests {
         contiguous::<Truth>();
         contiguous::<Disturbance>();
         contiguous::<Sent>();
+        contiguous::<Reported>();
         contiguous::<Autopilot>();
         contiguous::<Health>();
         contiguous::<Progress>();

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Field, Finding, Health, Imu, Message, Odometry,
-    Outputs, Progress, Sent, Setpoint, Stick, Truth, VERSION, decode, encode,
+    Outputs, Progress, Reported, Sent, Setpoint, Stick, Truth, VERSION, decode, encode,
 };
 
 /// Calls a generic function for each message type.
@@ -25,6 +25,7 @@ macro_rules! for_each_message {
             $function::<Truth>(),
             $function::<Disturbance>(),
             $function::<Sent>(),
+            $function::<Reported>(),
             $function::<Autopilot>(),
             $function::<Health>(),
             $function::<Progress>(),

@@ -2,7 +2,7 @@
 
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, Message, Odometry, Outputs,
-    Progress, Sent, Setpoint, Truth,
+    Progress, Reported, Sent, Setpoint, Truth,
 };
 
 use crate::config::Role;
@@ -19,6 +19,7 @@ pub fn published_by(role: Role) -> &'static [&'static str] {
             Disturbance::TOPIC,
             Adjustment::TOPIC,
             Sent::TOPIC,
+            Reported::TOPIC,
         ],
         Role::Estimator => &[Estimate::TOPIC],
         Role::Controller => &[Command::TOPIC, Setpoint::TOPIC, Adjustment::TOPIC, Autopilot::TOPIC],

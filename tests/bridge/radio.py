@@ -125,6 +125,8 @@ class Module:
         self.frames = 0
         self.faults = []
         self.channels = None
+        # Every set of channels that came, each once.
+        self.all = set()
         self.judge = Judge(self.faults)
 
     def take(self, data):
@@ -146,6 +148,7 @@ class Module:
             ticks = unpack(body[1:-1])
             self.judge.take(whole, ticks)
             self.channels = [round(1500 + (t - 992) * 5 / 8) for t in ticks]
+            self.all.add(tuple(self.channels))
 
 
 class Vehicle:
@@ -276,7 +279,7 @@ def main():
         notes["phases"] = [radio.phase(awaited, sticks) for awaited, sticks in json.loads(script)]
         notes["recovered_after_s"] = getattr(radio, "recovered_after", None)
     with open(report, "w") as out:
-        json.dump({**notes, "frames": radio.module.frames, "judged": radio.module.judge.frames, "faults": radio.module.faults[:20]}, out)
+        json.dump({**notes, "channels": sorted(radio.module.all), "frames": radio.module.frames, "judged": radio.module.judge.frames, "faults": radio.module.faults[:20]}, out)
 
 
 if __name__ == "__main__":

@@ -48,6 +48,8 @@ pub struct Conditions {
     pub data_interval: Option<Duration>,
     /// True while the vehicle's own failsafe is inactive.
     pub vehicle_well: bool,
+    /// True while outputs can be sent.
+    pub outputs: bool,
     /// True while commands arrive in time.
     pub commands: bool,
     /// True when the last command was finite.
@@ -115,6 +117,34 @@ pub enum Reason {
     /// The attitude is so infrequent that after a single loss it is too old.
     #[error("the vehicle's attitude arrives too rarely")]
     TooRare,
+    /// Outputs do not leave.
+    #[error("the outputs cannot be sent: their line is closed or full")]
+    OutputDown,
+}
+
+impl Reason {
+    /// Every reason, in the order of their numbers.
+    pub const ALL: [Self; 14] = [
+        Self::NotArmed,
+        Self::LinkDown,
+        Self::Stale,
+        Self::VehicleFailsafe,
+        Self::NoCommand,
+        Self::NotFinite,
+        Self::Diverged,
+        Self::WrongSign,
+        Self::PilotLost,
+        Self::StickNotNeutral,
+        Self::BridgeRestarted,
+        Self::Restarted,
+        Self::TooRare,
+        Self::OutputDown,
+    ];
+
+    /// Number of the reason in logs; 0 is none. New reasons come last, so that old logs keep their meaning.
+    pub fn number(self) -> u32 {
+        self as u32 + 1
+    }
 }
 
 /// Mode of arming: the source that drives the outputs.
@@ -270,6 +300,7 @@ impl Arming {
             (c.link, Reason::LinkDown),
             (c.data_age.is_some_and(|age| age <= self.policy.stale), Reason::Stale),
             (c.vehicle_well, Reason::VehicleFailsafe),
+            (c.outputs, Reason::OutputDown),
             (c.finite, Reason::NotFinite),
             (c.signs, Reason::WrongSign),
             (c.commands, Reason::NoCommand),

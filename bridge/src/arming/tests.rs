@@ -8,6 +8,7 @@ const GOOD: Conditions = Conditions {
     data_age: Some(Duration::from_millis(5)),
     data_interval: Some(Duration::from_millis(10)),
     vehicle_well: true,
+    outputs: true,
     commands: true,
     finite: true,
     estimate: true,
@@ -26,12 +27,13 @@ fn at(ms: u64) -> Duration {
 }
 
 /// Every possible failure of the conditions, with the expected reason.
-fn breaks() -> [(Conditions, Reason); 7] {
+fn breaks() -> [(Conditions, Reason); 8] {
     [
         (Conditions { link: false, ..GOOD }, Reason::LinkDown),
         (Conditions { data_age: None, ..GOOD }, Reason::Stale),
         (Conditions { data_age: Some(at(251)), ..GOOD }, Reason::Stale),
         (Conditions { vehicle_well: false, ..GOOD }, Reason::VehicleFailsafe),
+        (Conditions { outputs: false, ..GOOD }, Reason::OutputDown),
         (Conditions { finite: false, ..GOOD }, Reason::NotFinite),
         (Conditions { commands: false, ..GOOD }, Reason::NoCommand),
         (Conditions { estimate: false, ..GOOD }, Reason::Diverged),
@@ -133,13 +135,13 @@ fn a_bench_without_a_pilot_may_come_back_when_it_was_told_to() {
 
 prop_compose! {
     fn conditions()(
-        bits in prop::array::uniform7(prop::bool::weighted(0.9)),
+        bits in prop::array::uniform8(prop::bool::weighted(0.9)),
         age in prop::option::weighted(0.95, 0u64..300),
         pilot in prop::option::of((prop::bool::weighted(0.9), any::<bool>(), any::<bool>())),
     ) -> Conditions {
-        let [arm, link, vehicle_well, commands, finite, estimate, signs] = bits;
+        let [arm, link, vehicle_well, outputs, commands, finite, estimate, signs] = bits;
         let pilot = pilot.map(|(present, neutral, automatic)| PilotView { present, neutral, automatic });
-        Conditions { arm, arm_is_known: true, link, data_age: age.map(at), data_interval: None, vehicle_well, commands, finite, estimate, signs, pilot }
+        Conditions { arm, arm_is_known: true, link, data_age: age.map(at), data_interval: None, vehicle_well, outputs, commands, finite, estimate, signs, pilot }
     }
 }
 
@@ -153,7 +155,7 @@ proptest! {
         for (i, c) in sequence.iter().enumerate() {
             a.update(c, at(i as u64 * 5));
             if a.mode() == Mode::Automatic {
-                prop_assert!(c.link && c.vehicle_well && c.commands && c.finite && c.estimate && c.signs);
+                prop_assert!(c.link && c.vehicle_well && c.outputs && c.commands && c.finite && c.estimate && c.signs);
                 prop_assert!(c.data_age.is_some_and(|age| age <= STALE));
                 prop_assert!(c.arm || arm == ArmBy::Start);
                 prop_assert!(c.pilot.is_none_or(|p| p.present && p.automatic));
@@ -192,4 +194,14 @@ fn a_bridge_that_was_started_again_waits_for_a_new_arm() {
     let mut start = arming(ArmBy::Start);
     start.come_back();
     assert_eq!(start.update(&GOOD, at(60_000)), None);
+}
+
+#[test]
+fn the_document_numbers_the_reasons_as_the_log_does() {
+    let document = include_str!("../../../docs/bridges.md");
+    for reason in Reason::ALL {
+        let row = format!("| {} | {reason} |", reason.number());
+        assert!(document.contains(&row), "docs/bridges.md lacks: {row}");
+    }
+    assert_eq!(Reason::ALL.map(Reason::number), std::array::from_fn(|i| i as u32 + 1));
 }

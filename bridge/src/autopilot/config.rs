@@ -1,5 +1,7 @@
 //! Launch-file options of an autopilot that flies the bench's vehicle.
 
+use std::time::Duration;
+
 use whirlstand_vehicle::Vehicle;
 
 use super::ardupilot::{self, Ardupilot, ArdupilotOptions};
@@ -87,7 +89,8 @@ impl AutopilotConfig {
                 let line = self.px4.state_period_ns(1e9 / period_ns as f64, self.sensors.gps_hz);
                 // A slower serial line was refused with the other options.
                 let state_period_ns = line.unwrap_or(u64::MAX);
-                Box::new(Px4::with_state_period(self.px4.clone(), motors, state_period_ns))
+                let px4 = Px4::with_state_period(self.px4.clone(), motors, state_period_ns);
+                Box::new(px4.with_period(Duration::from_nanos(period_ns)))
             }
             AutopilotKind::ArdupilotJson => Box::new(Ardupilot::new(self.ardupilot.clone(), motors)),
             AutopilotKind::BetaflightSitl => Box::new(Betaflight::new(self.betaflight.clone(), motors)),

@@ -73,12 +73,14 @@ pub struct Counts {
     pub skipped: u64,
     /// Messages of a ground station that belong to the loop, and were not forwarded.
     pub refused: u64,
+    /// Messages of a ground station for which the line had no room.
+    pub unforwarded: u64,
 }
 
 impl Counts {
     /// Number of received packets that were discarded.
     pub fn dropped(&self) -> u64 {
-        self.malformed + self.stale + self.refused
+        self.malformed + self.stale + self.refused + self.unforwarded
     }
 }
 

@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use super::clock::ns;
 use super::output::euler;
-use super::receivers::{Receivers, rc_channels};
+use super::receivers::{Receivers, is_vehicle, rc_channels};
+use super::reported::Report;
 use super::requests::{Answer, Requests};
 use super::telemetry::Group;
 use super::warnings::Warnings;
@@ -41,6 +42,7 @@ pub(super) struct Autopilot {
     /// Armed state of the vehicle, with the reasons for not being armed.
     readiness: Readiness,
     well: bool,
+    pub(super) report: Report,
     heading: Option<f64>,
     origin: Option<[f64; 3]>,
     /// Channels that the vehicle reports to receive, us, and the time of that report.
@@ -92,6 +94,7 @@ impl Autopilot {
             heartbeat_at: None,
             readiness: Readiness::new(NAME),
             well: true,
+            report: Report::default(),
             origin: None,
             sent_rc: None,
             next_heartbeat: Duration::ZERO,
@@ -166,7 +169,7 @@ impl Autopilot {
     /// Resets for another address: the system id and the reports of the previous one are discarded.
     pub(super) fn forget(&mut self) {
         (self.target, self.heartbeat_at, self.sent_rc) = (None, None, None);
-        (self.readiness, self.well) = (Readiness::new(NAME), true);
+        (self.readiness, self.well, self.report) = (Readiness::new(NAME), true, Report::default());
         self.begin_anew();
     }
 
@@ -209,10 +212,13 @@ impl Autopilot {
         if let MavMessage::HEARTBEAT(beat) = message {
             self.heartbeat(header, beat, now, receivers.notes);
         }
-        if self.target != Some((header.system, header.component)) {
+        let is_vehicles = self.target == Some((header.system, header.component));
+        self.report.hear(message, is_vehicles, now);
+        if !is_vehicles {
             return;
         }
         self.spoken += 1;
+        self.requests.heard(mavlink::Message::message_id(message));
         self.readiness.hear(message, receivers.notes);
         match message {
             MavMessage::ATTITUDE(m) if self.config.attitude == AttitudeMessage::Euler => {
@@ -255,7 +261,7 @@ impl Autopilot {
                 self.sent_rc = Some((us, now));
             }
             MavMessage::TIMESYNC(m) => self.timesync(m, now, receivers),
-            MavMessage::COMMAND_ACK(ack) => match self.requests.acknowledged(ack) {
+            MavMessage::COMMAND_ACK(ack) => match self.requests.acknowledged(ack, now) {
                 Some(Answer::Refused(id, _)) => {
                     self.refused(id, "refuses to send message", receivers.notes);
                 }
@@ -285,6 +291,7 @@ impl Autopilot {
             return;
         }
         self.heartbeat_at = Some(now);
+        self.report.beat(beat);
         self.readiness.set_armed(beat.base_mode.contains(dialect::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED));
         use dialect::MavState as State;
         self.well = !matches!(
@@ -363,6 +370,11 @@ impl Autopilot {
             let ask = dialect::TIMESYNC_DATA { tc1: 0, ts1: ns(now), ..Default::default() };
             self.encoder.encode(&MavMessage::TIMESYNC(ask), now, out);
         }
+        if !self.is_linked(now) {
+            self.requests.silent(now);
+        } else if let Some(text) = self.requests.renew(now) {
+            notes.warn(text);
+        }
         match self.requests.next(target, now) {
             Ok(Some(message)) => self.encoder.encode(&message, now, out),
             Ok(None) | Err(Answer::Accepted(_)) => {}
@@ -381,11 +393,4 @@ impl Autopilot {
     pub(super) fn wake_at(&self) -> Duration {
         self.next_heartbeat.min(self.next_timesync)
     }
-}
-
-/// True when a heartbeat is that of an autopilot with the requested system id.
-fn is_vehicle(wanted: Option<u8>, header: &Header, beat: &dialect::HEARTBEAT_DATA) -> bool {
-    beat.autopilot != dialect::MavAutopilot::MAV_AUTOPILOT_INVALID
-        && beat.mavtype != dialect::MavType::MAV_TYPE_GCS
-        && wanted.is_none_or(|system| system == header.system)
 }

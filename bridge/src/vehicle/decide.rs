@@ -30,6 +30,7 @@ impl Vehicle {
             data_age: self.telemetry.age(Group::Attitude, now),
             data_interval: self.telemetry.interval(),
             vehicle_well: well,
+            outputs: self.delivery.is_possible(self.command_timeout, now),
             commands: self.command_at.is_some_and(|at| now.saturating_sub(at) <= self.command_timeout),
             finite: self.finite,
             estimate: self.watch.is_good(),

@@ -18,8 +18,11 @@ pub struct Figures {
     pub signature: u64,
     /// Number of messages that never arrived, from gaps in their sequence numbers.
     pub lost: u64,
-    /// Number of measurements refused: repeated, overtaken, or not finite.
+    /// Number of refusals: of measurements that are repeated, overtaken or not finite, of messages with which
+    /// a ground station steers, and those of `unforwarded`.
     pub refused: u64,
+    /// Number of messages of a ground station for which the vehicle's link had no room.
+    pub unforwarded: u64,
     /// Number of outputs sent.
     pub outputs: u64,
     /// Number of channel values held by a limit or a rate.
@@ -35,7 +38,11 @@ impl Vehicle {
     pub fn figures(&mut self) -> Figures {
         let refusals = self.telemetry.refusals();
         let mut figures = Figures {
-            refused: refusals.not_finite + refusals.old + self.refused_controls,
+            refused: refusals.not_finite
+                + refusals.old
+                + self.ground.refused_controls()
+                + self.ground.waiting.dropped(),
+            unforwarded: self.ground.waiting.dropped(),
             outputs: self.outputs,
             clamped: self.mapping.clamped(),
             ..Figures::default()
@@ -56,7 +63,7 @@ impl Vehicle {
                 (figures.dropped, figures.noise_bytes) = (c.checksum + c.malformed, c.noise_bytes);
             }
         }
-        let (pilot, ground) = (self.pilot_crsf.counts(), self.ground.counts());
+        let (pilot, ground) = (self.pilot_crsf.counts(), self.ground.deframer.counts());
         figures.dropped += pilot.checksum + pilot.malformed + ground.dropped();
         figures.noise_bytes += pilot.noise_bytes + self.pilot_sbus.counts().noise_bytes;
         if let Some((offset, trip)) = self.telemetry.clock().offset() {

@@ -6,8 +6,6 @@ use super::receivers::Receivers;
 use super::{Group, Port, SBUS_PAUSE, Source, Vehicle};
 use crate::config::PilotSource;
 use crate::crsf;
-use crate::mavlink::dialect::MavCmd;
-use crate::mavlink::{Event, MavMessage};
 use crate::sbus;
 
 /// Number of bytes without a CRSF frame from which a wrong baud rate is reported.
@@ -35,7 +33,7 @@ impl Vehicle {
                 parser.next_frame().is_some()
             }
             (Port::Pilot, _) => is_crsf(datagram),
-            (Port::Ground, _) => self.ground.recognises(datagram, now, |_, _| true),
+            (Port::Ground, _) => self.ground.deframer.recognises(datagram, now, |_, _| true),
             (Port::Output, _) => false,
         }
     }
@@ -88,7 +86,7 @@ impl Vehicle {
             (Port::Link, Source::Mavlink(autopilot)) => autopilot.spoken(),
             (Port::Link, Source::Crsf { parser, .. }) => parser.counts().frames,
             (Port::Pilot, _) => self.pilot_crsf.counts().frames + self.pilot_sbus.counts().frames,
-            (Port::Ground, _) => self.ground.counts().messages,
+            (Port::Ground, _) => self.ground.deframer.counts().messages,
             (Port::Output, _) => 0,
         }
     }
@@ -102,6 +100,8 @@ impl Vehicle {
 
     /// Discards partly received data after a port was reconnected.
     pub fn connected(&mut self, port: Port) {
+        self.set_closed(port, false);
+        self.forget_forwarded(port);
         match (port, &mut self.source) {
             (Port::Link, Source::Mavlink(autopilot)) => autopilot.begin_anew(),
             (Port::Link, Source::Crsf { parser, .. }) => parser.reset(),
@@ -110,51 +110,6 @@ impl Vehicle {
                 self.pilot_sbus.reset();
             }
             (Port::Output | Port::Ground, _) => {}
-        }
-    }
-
-    /// Messages of a ground station: it may query and set, but not steer, as only the bridge's gate may move
-    /// the vehicle.
-    pub(super) fn receive_ground(&mut self, bytes: &[u8], now: Duration) {
-        self.ground.push(bytes);
-        while let Some(event) = self.ground.next(now) {
-            match event {
-                Event::Message(_, message) if steers(&message) => {
-                    self.refused_controls += 1;
-                    if self.refused_controls == 1 {
-                        self.notes.warn("the ground station tried to steer: only this bridge may");
-                    }
-                }
-                Event::Message(_, message) if self.changes_rates(&message) => {
-                    self.refused_rates += 1;
-                    if self.refused_rates == 1 {
-                        self.notes.warn(
-                            "the ground station asked for other rates of messages that the loop needs: they are unchanged",
-                        );
-                    }
-                }
-                Event::Message(..) => {
-                    self.out[Port::Link as usize].extend_from_slice(self.ground.frame());
-                }
-                Event::Dropped(_) => {}
-            }
-        }
-        let _ = self.ground.end();
-    }
-
-    /// True when a message changes the rate of another one that the loop needs.
-    #[expect(deprecated, reason = "ground stations send REQUEST_DATA_STREAM all the same")]
-    fn changes_rates(&self, message: &MavMessage) -> bool {
-        let Source::Mavlink(autopilot) = &self.source else { return false };
-        match message {
-            MavMessage::REQUEST_DATA_STREAM(m) => OUR_STREAMS.contains(&(m.req_stream_id as u32)),
-            MavMessage::COMMAND_LONG(m) if m.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                autopilot.needs(m.param1)
-            }
-            MavMessage::COMMAND_INT(m) if m.command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                autopilot.needs(m.param1)
-            }
-            _ => false,
         }
     }
 
@@ -236,39 +191,4 @@ fn is_crsf(datagram: &[u8]) -> bool {
     parser.push(datagram);
     while parser.next_event().is_some() {}
     parser.counts().frames > 0
-}
-
-/// True when a message moves the vehicle.
-fn steers(message: &MavMessage) -> bool {
-    matches!(
-        message,
-        MavMessage::RC_CHANNELS_OVERRIDE(_)
-            | MavMessage::MANUAL_CONTROL(_)
-            | MavMessage::SET_ATTITUDE_TARGET(_)
-            | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
-            | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
-            | MavMessage::SET_ACTUATOR_CONTROL_TARGET(_)
-    ) || command(message).is_some_and(|command| MOVING.contains(&command))
-}
-
-/// Commands that move motors or servos directly.
-const MOVING: [MavCmd; 6] = [
-    MavCmd::MAV_CMD_DO_MOTOR_TEST,
-    MavCmd::MAV_CMD_DO_SET_SERVO,
-    MavCmd::MAV_CMD_DO_REPEAT_SERVO,
-    MavCmd::MAV_CMD_DO_SET_ACTUATOR,
-    MavCmd::MAV_CMD_ACTUATOR_TEST,
-    MavCmd::MAV_CMD_DO_SET_RELAY,
-];
-
-/// Groups of `REQUEST_DATA_STREAM` with messages of the loop: all, raw sensors, radio channels, position,
-/// attitude.
-const OUR_STREAMS: [u32; 5] = [0, 1, 3, 6, 10];
-
-fn command(message: &MavMessage) -> Option<MavCmd> {
-    match message {
-        MavMessage::COMMAND_LONG(m) => Some(m.command),
-        MavMessage::COMMAND_INT(m) => Some(m.command),
-        _ => None,
-    }
 }

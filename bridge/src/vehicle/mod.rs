@@ -9,12 +9,15 @@ mod autopilot;
 mod budget;
 mod clock;
 mod decide;
+mod delivery;
 mod figures;
+mod ground;
 mod inbound;
 mod options;
 mod outbound;
 mod output;
 mod receivers;
+mod reported;
 mod requests;
 mod sent;
 mod telemetry;
@@ -30,7 +33,8 @@ use crate::config::{
     BridgeConfig, BridgeKind, ConfigError, MavlinkConfig, Output, PilotSource, SafetyConfig,
 };
 use crate::crsf;
-use crate::mavlink::{Deframer, Signing};
+use crate::forward::Forward;
+use crate::mavlink::Signing;
 pub use crate::note::Note;
 use crate::note::Notes;
 use crate::pilot::Pilot;
@@ -40,7 +44,9 @@ use crate::turning::OwnMotion;
 use crate::watch::EstimateWatch;
 use autopilot::Autopilot;
 use budget::budget;
+use delivery::Delivery;
 pub use figures::Figures;
+use ground::Ground;
 pub use inbound::Received;
 use options::{check_mavlink, check_safety, missing};
 pub use telemetry::{FIELDS, Group, Refusals, Telemetry};
@@ -106,9 +112,7 @@ pub struct Vehicle {
     pilot_crsf: crsf::Parser,
     pilot_sbus: sbus::Parser,
     pilot_bytes_at: Duration,
-    ground: Deframer,
-    refused_controls: u64,
-    refused_rates: u64,
+    ground: Ground,
     explained: Option<Reason>,
     /// Time since which nobody has armed, and whether that was reported.
     waiting_since: Option<Duration>,
@@ -126,6 +130,7 @@ pub struct Vehicle {
     /// True while the channels are handed over to the vehicle's own radio for a check.
     lent: bool,
     outputs: u64,
+    delivery: Delivery,
     notes: Notes,
 }
 
@@ -214,6 +219,8 @@ impl Vehicle {
             least_interval = least_interval.max(line);
             notes.warn(text);
         }
+        let period = Duration::from_secs_f64(1.0 / bench.rate_hz).max(least_interval);
+        let forward = Forward::new(link.mavlink.as_ref().map_or("", |own| &own.link), period);
         mapping.sentences(&bench.inputs).into_iter().for_each(|sentence| notes.info(sentence));
         Ok(Self {
             telemetry: Telemetry::new(&options.measured)?,
@@ -231,9 +238,7 @@ impl Vehicle {
             pilot_crsf: crsf::Parser::new(),
             pilot_sbus: sbus::Parser::new(),
             pilot_bytes_at: Duration::ZERO,
-            ground: Deframer::new(),
-            refused_controls: 0,
-            refused_rates: 0,
+            ground: Ground::new(forward),
             explained: None,
             waiting_since: None,
             told_who_arms: false,
@@ -247,6 +252,7 @@ impl Vehicle {
             released: false,
             lent: false,
             outputs: 0,
+            delivery: Delivery::default(),
             notes,
         })
     }

@@ -107,6 +107,25 @@ impl Vehicle {
         overridden
     }
 
+    /// Channels that an output carries.
+    pub(super) fn carried(&self) -> [bool; CHANNELS] {
+        let mut carried = self.overridden();
+        match self.output {
+            Output::RcOverride => carried,
+            Output::ManualControl => {
+                carried[4..].fill(false);
+                carried
+            }
+            // A message without a thrust still has a roll, a pitch and a rate of yaw.
+            Output::AttitudeTarget => {
+                let thrust = self.mapping.in_use()[2];
+                std::array::from_fn(|i| if i == 2 { thrust } else { i < 4 })
+            }
+            // Their frames have all channels, with those that the launch file does not name.
+            Output::Crsf | Output::Sbus => [true; CHANNELS],
+        }
+    }
+
     /// Compares the acting inputs with the vehicle's rotation.
     fn watch_signs(&mut self, now: Duration) {
         self.mapping.acting(&mut self.acting);
@@ -146,10 +165,12 @@ impl Vehicle {
             if let Some(message) = message.filter(|_| autopilot.is_known()) {
                 autopilot.send(&message, now, &mut self.out[Port::Link as usize]);
                 self.outputs += 1;
+                self.delivery.written();
             }
         }
         self.released = released;
         if released {
+            self.delivery.released();
             if first_release {
                 self.notes.info("the outputs are handed over");
             }
@@ -162,5 +183,6 @@ impl Vehicle {
             _ => return,
         }
         self.outputs += 1;
+        self.delivery.written();
     }
 }

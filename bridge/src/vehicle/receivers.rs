@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::telemetry::{Group, Telemetry};
-use crate::mavlink::dialect;
+use crate::mavlink::{Header, dialect};
 use crate::note::Notes;
 use crate::pilot::Pilot;
 
@@ -19,6 +19,13 @@ impl Receivers<'_> {
     pub(super) fn take(&mut self, group: Group, values: [f32; 3], stamp: Option<i64>, now: Duration) -> bool {
         self.telemetry.take(group, values.map(f64::from), stamp, now).is_ok()
     }
+}
+
+/// True when a heartbeat is that of an autopilot with the requested system id.
+pub(super) fn is_vehicle(wanted: Option<u8>, header: &Header, beat: &dialect::HEARTBEAT_DATA) -> bool {
+    beat.autopilot != dialect::MavAutopilot::MAV_AUTOPILOT_INVALID
+        && beat.mavtype != dialect::MavType::MAV_TYPE_GCS
+        && wanted.is_none_or(|system| system == header.system)
 }
 
 /// The channels in a message, us.

@@ -137,7 +137,10 @@ impl Pair {
 
     /// Hears what the vehicle sent.
     pub fn listen(&mut self) {
-        let bytes = std::mem::take(self.vehicle.output(Port::Link));
+        let mut bytes = std::mem::take(self.vehicle.output(Port::Link));
+        while let Some(frame) = self.vehicle.next_forwarded(self.now) {
+            bytes.extend(frame);
+        }
         self.listener.push(&bytes);
         while let Some(event) = self.listener.next(self.now) {
             match event {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bus::{Bus, MAX_DEPTH, RecvError, Subscriber};
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, Message, NodeState,
-    Odometry, Outputs, Progress, Sent, Setpoint, Stick, Truth,
+    Odometry, Outputs, Progress, Reported, Sent, Setpoint, Stick, Truth,
 };
 use whirlstand_nodes::ADJUST_TOPIC;
 use whirlstand_nodes::config::Role;
@@ -67,6 +67,7 @@ pub(crate) fn follow(
         Setpoint::TOPIC => Setpoint,
         Truth::TOPIC => Truth,
         Sent::TOPIC => Sent,
+        Reported::TOPIC => Reported,
         Autopilot::TOPIC => Autopilot,
         Disturbance::TOPIC => Disturbance,
         Finding::TOPIC => Finding,

@@ -61,7 +61,7 @@ impl Inputs {
             let there = sent.has_reached(step).then(|| sent.at(step));
             return Ok(match there {
                 None => Acting::Coming,
-                Some(m) if m.head.step == step && m.count > 0 => Acting::Known(m.u),
+                Some(m) if m.head.step == step && has_acted(&m) => Acting::Known(m.u),
                 Some(_) => Acting::Lost,
             });
         }
@@ -127,4 +127,9 @@ impl Inputs {
     pub(super) fn lost(&self) -> u64 {
         self.commands.lost() + self.sent.as_ref().map_or(0, Companion::lost)
     }
+}
+
+/// True when an output left the bridge; one that was dropped on its way has no inputs.
+fn has_acted(sent: &Sent) -> bool {
+    sent.count > 0 && sent.u.iter().take(sent.count as usize).all(|u| u.is_finite())
 }

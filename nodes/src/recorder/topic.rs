@@ -4,7 +4,7 @@ use whirlstand_bus::{Bus, Subscriber};
 use whirlstand_logs::{BenchMessage, Channel};
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Head, Imu, Message, Odometry, Outputs,
-    Sent, Setpoint, Truth,
+    Reported, Sent, Setpoint, Truth,
 };
 
 use crate::error::NodeError;

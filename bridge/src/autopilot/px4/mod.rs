@@ -9,6 +9,7 @@
 //! Source: <https://docs.px4.io/main/en/simulation/#simulator-mavlink-api>,
 //! <https://mavlink.io/en/messages/common.html>.
 
+mod beside;
 mod heard;
 mod messages;
 mod options;
@@ -17,6 +18,7 @@ mod station;
 use std::time::Duration;
 
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
+use crate::forward::Forward;
 use crate::mavlink::dialect::{HilActuatorControlsFlags, MavAutopilot, MavCmd, MavModeFlag};
 use crate::mavlink::{Deframer, DropReason, Encoder, Header, MavMessage};
 use crate::mixer::MAX_OUTPUTS;
@@ -117,6 +119,7 @@ impl Px4 {
         motors: bool,
         least_state_period_ns: u64,
     ) -> Self {
+        let station = Station::new(Forward::new(&options.link, Duration::ZERO));
         Self {
             options,
             motors,
@@ -137,7 +140,7 @@ impl Px4 {
             ask_checks: Due::default(),
             event: None,
             heard: Heard::default(),
-            station: Station::default(),
+            station,
             notes: Notes::default(),
             counts: Counts::default(),
             past: Counts::default(),
@@ -230,7 +233,9 @@ impl Autopilot for Px4 {
         if port == STATION {
             let vehicle = self.heard.vehicle().map(|header| (header.system, header.component));
             let owned = Owned { vehicle, channels: self.options.rc };
-            return self.station.receive(bytes, now, owned, &mut self.notes, &mut |frame| send(0, frame));
+            let valid = self.station.receive(bytes, now, owned, &mut self.notes);
+            self.forward(now, send);
+            return valid;
         }
         if port == TELEMETRY {
             return self.listen(bytes, now);
@@ -253,6 +258,7 @@ impl Autopilot for Px4 {
                 crate::mavlink::Event::Dropped(_) => {}
             }
         }
+        self.forward(now, send);
         valid
     }
 
@@ -305,12 +311,14 @@ impl Autopilot for Px4 {
         self.sensed = Some(messages::microseconds(ns));
         self.answered = false;
         send(0, &out);
+        self.station.waiting.sent(out.len(), true, now);
         if let Some((vehicle, port @ TELEMETRY)) = asks {
             out.clear();
             self.encoder.encode(&messages::ask_for_arming_checks(vehicle), now, &mut out);
             send(port, &out);
         }
         self.out = out;
+        self.forward(now, send);
     }
 
     fn said(&self) -> Option<&str> {
@@ -350,48 +358,21 @@ impl Autopilot for Px4 {
             _ => {}
         }
         let anew = Self::with_state_period(self.options.clone(), self.motors, self.least_state_period_ns);
-        let (station, notes) = (std::mem::take(&mut self.station), std::mem::take(&mut self.notes));
-        *self = Self { past: self.past_counts(), station, notes, ..anew };
+        let station = std::mem::replace(&mut self.station, anew.station);
+        let (past, notes) = (self.past_counts(), std::mem::take(&mut self.notes));
+        *self = Self { past, station, notes, ..anew };
+        self.station.waiting.clear();
     }
 
     fn counts(&self) -> Counts {
-        Counts { refused: self.station.refused(), ..self.past_counts() }
+        let (refused, unforwarded) = (self.station.refused(), self.station.waiting.dropped());
+        Counts { refused, unforwarded, ..self.past_counts() }
     }
 }
 
 /// True when a message is the heartbeat of a vehicle, and not of a station.
 fn is_vehicles_beat(message: &MavMessage) -> bool {
     matches!(message, MavMessage::HEARTBEAT(beat) if beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID)
-}
-
-impl Px4 {
-    /// Processes PX4's messages to others; outputs among them do not count.
-    fn listen(&mut self, bytes: &[u8], now: Duration) -> bool {
-        self.telemetry.push(bytes);
-        let mut valid = false;
-        while let Some(event) = self.telemetry.next(now) {
-            if let crate::mavlink::Event::Message(header, message) = event {
-                valid = true;
-                self.heard.hear(TELEMETRY, header, &message, &mut self.notes);
-            }
-        }
-        valid
-    }
-
-    /// Counts of this connection with PX4 and earlier ones.
-    fn past_counts(&self) -> Counts {
-        let wire = self.deframer.counts();
-        // A complete frame of another dialect is no damage.
-        let damaged = wire.dropped() - wire.unknown + wire.noise_bytes;
-        Counts {
-            sent: self.past.sent + self.counts.sent,
-            outputs: self.past.outputs + self.counts.outputs,
-            malformed: self.past.malformed + self.counts.malformed + damaged,
-            stale: self.past.stale + self.counts.stale,
-            lost: self.past.lost + wire.lost,
-            ..Counts::default()
-        }
-    }
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use std::time::Duration;
 use mavlink::Message;
 
 use super::messages::{COMPONENT, SYSTEM};
+use crate::forward::Forward;
 use crate::mavlink::dialect::MavCmd;
 use crate::mavlink::{Deframer, Event, Header, MavMessage};
 use crate::note::Notes;
@@ -26,13 +27,19 @@ pub(super) struct Owned {
 }
 
 /// State of the conversation with the station.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Station {
     deframer: Deframer,
     refused: u64,
+    /// Permitted frames that wait for room on PX4's link.
+    pub(super) waiting: Forward,
 }
 
 impl Station {
+    pub(super) fn new(waiting: Forward) -> Self {
+        Self { deframer: Deframer::new(), refused: 0, waiting }
+    }
+
     /// Number of messages that were not forwarded.
     pub(super) fn refused(&self) -> u64 {
         self.refused
@@ -48,23 +55,16 @@ impl Station {
         let _ = self.deframer.end();
     }
 
-    /// Decodes the station's bytes, and forwards permitted messages to PX4. Returns whether something was
-    /// valid.
-    pub(super) fn receive(
-        &mut self,
-        bytes: &[u8],
-        now: Duration,
-        owned: Owned,
-        notes: &mut Notes,
-        pass: &mut dyn FnMut(&[u8]),
-    ) -> bool {
+    /// Decodes the station's bytes; permitted messages wait until PX4's link has room. Returns whether
+    /// something was valid.
+    pub(super) fn receive(&mut self, bytes: &[u8], now: Duration, owned: Owned, notes: &mut Notes) -> bool {
         self.deframer.push(bytes);
         let mut valid = false;
         while let Some(event) = self.deframer.next(now) {
             let Event::Message(header, message) = event else { continue };
             valid = true;
             match owner(&header, &message, owned) {
-                None => pass(self.deframer.frame()),
+                None => self.waiting.push(self.deframer.frame(), now, notes),
                 Some(what) => {
                     self.refused += 1;
                     if self.refused == 1 {

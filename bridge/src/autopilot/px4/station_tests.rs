@@ -2,7 +2,10 @@
 
 use super::tests::{Bench, controls};
 use super::*;
-use crate::mavlink::dialect::{COMMAND_LONG_DATA, HIL_SENSOR_DATA};
+use crate::mavlink::dialect::{
+    COMMAND_INT_DATA, COMMAND_LONG_DATA, HIL_SENSOR_DATA, MavParamType, PARAM_SET_DATA,
+};
+use crate::sensors::{Errors, Motion};
 
 /// Sends a station's message through its port; true when it reaches PX4.
 fn passed(bench: &mut Bench, system: u8, message: &MavMessage) -> bool {
@@ -27,6 +30,14 @@ fn a_station_reaches_px4_but_never_with_what_the_loop_owns() {
             ..Default::default()
         })
     };
+    let interval_int = |message: f32| {
+        MavMessage::COMMAND_INT(COMMAND_INT_DATA {
+            target_system: 1,
+            command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+            param1: message,
+            ..Default::default()
+        })
+    };
     let arm = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
         target_system: 1,
         command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
@@ -43,6 +54,8 @@ fn a_station_reaches_px4_but_never_with_what_the_loop_owns() {
         (&stick, true),
         (&interval(30.0), true),
         (&interval(93.0), false),
+        (&interval_int(30.0), true),
+        (&interval_int(93.0), false),
         (&sensor, false),
         (&controls(1, 0.5, true, false), false),
         (&signing, false),
@@ -50,7 +63,7 @@ fn a_station_reaches_px4_but_never_with_what_the_loop_owns() {
         assert_eq!(passed(&mut bench, 255, message), may, "{message:?}");
     }
     assert!(!passed(&mut bench, SYSTEM, &sensor), "nobody else speaks as the simulator");
-    assert_eq!(bench.px4.counts().refused, 5);
+    assert_eq!(bench.px4.counts().refused, 6);
     assert!(bench.px4.note().is_some_and(|note| note.warn && note.text.contains("is not passed on")));
     assert!(bench.px4.note().is_none(), "told once");
     // Where the bench has the pilot's channels, no other source is permitted.
@@ -143,4 +156,42 @@ fn a_line_carries_its_sensors_or_is_refused_with_the_rate_that_it_carries() {
         on(57_600).state_period_ns(52.0, 10.0).unwrap() > 100 * STATE_PERIOD_NS,
         "the truth is thinned first"
     );
+}
+
+#[test]
+fn an_upload_of_parameters_waits_for_the_pauses_between_the_sensors() {
+    let options = Px4Options { link: "serial:///dev/ttyACM0:57600".into(), ..Px4Options::default() };
+    let period = Duration::from_millis(20);
+    let mut bench = Bench::new(options);
+    bench.px4 = Px4::with_state_period(bench.px4.options.clone(), true, u64::MAX).with_period(period);
+    let mut encoder = Encoder::new(255, 190);
+    let mut upload = Vec::new();
+    while upload.len() < 65_536 {
+        let message = MavMessage::PARAM_SET(PARAM_SET_DATA {
+            param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+            ..Default::default()
+        });
+        encoder.encode(&message, bench.now, &mut upload);
+    }
+    let (mut free_at, mut passed) = (Duration::ZERO, 0);
+    for k in 0..250u32 {
+        let mut written: Vec<usize> = Vec::new();
+        if k == 5 {
+            bench.px4.receive(STATION, &upload, bench.now, &mut |port, bytes| {
+                assert_eq!(port, 0);
+                written.push(bytes.len());
+            });
+        }
+        let sensors = bench.model.step(&Motion::default(), &Errors::default());
+        bench.now += period;
+        let now = bench.now;
+        bench.px4.sense(&sensors, &Rc::default(), now, &mut |_, bytes| written.push(bytes.len()));
+        assert!(free_at <= now + period / 2, "{k}: the sensors wait for {:?}", free_at - now);
+        passed += written.len() - 1;
+        let bytes: usize = written.iter().sum();
+        free_at = free_at.max(now) + Duration::from_secs_f64(bytes as f64 * 10.0 / 57_600.0);
+    }
+    let left_out = bench.px4.counts().unforwarded;
+    assert!(passed > 50 && left_out > 1000, "{passed} passed, {left_out} left out");
+    assert!(bench.px4.note().is_some_and(|note| note.text.contains("more than the line carries")));
 }

@@ -7,7 +7,7 @@ const PERIOD_NS: u64 = 4_000_000;
 
 pub(super) struct Bench {
     pub px4: Px4,
-    model: SensorModel,
+    pub model: SensorModel,
     encoder: Encoder,
     deframer: Deframer,
     pub now: Duration,

@@ -375,6 +375,14 @@ impl LinkSender {
         sent
     }
 
+    /// True while few enough bytes wait in the driver that something less urgent than a command delays none.
+    pub fn has_room(&self) -> bool {
+        match lock(&self.0.wire).as_deref() {
+            Some(Wire::Serial(port)) => 4 * serial::waiting(port) <= self.0.most_waiting,
+            _ => true,
+        }
+    }
+
     /// Number of sends dropped because the link was closed or congested.
     pub fn dropped(&self) -> u64 {
         self.0.dropped.load(Ordering::Relaxed)

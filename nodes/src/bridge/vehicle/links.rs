@@ -94,7 +94,7 @@ impl VehicleLinks {
                     tracing::info!("{} is open", name(port));
                     lock(shared).vehicle.connected(port);
                 }
-                Some(LinkEvent::Down(why)) => tracing::warn!("{}: {why}", name(port)),
+                Some(LinkEvent::Down(why)) => closed(shared, port, &why),
                 Some(LinkEvent::Replaced(why)) => {
                     tracing::warn!("{}: {why}", name(port));
                     lock(shared).vehicle.peer_changed(port);
@@ -103,7 +103,7 @@ impl VehicleLinks {
             }
             let mut protocol = Protocol { shared, port, fresh: false };
             if let Err(LinkEvent::Down(why)) = link.drain(&mut self.buffer, now, &mut protocol) {
-                tracing::warn!("{}: {why}", name(port));
+                closed(shared, port, &why);
             }
             fresh |= protocol.fresh;
             while let Some((warn, text)) = link.take_note() {
@@ -150,6 +150,12 @@ impl Decoder for Protocol<'_> {
         self.fresh |= received.attitude;
         received.valid
     }
+}
+
+/// Handles a link that was closed, or cannot be opened.
+fn closed(shared: &Mutex<SharedVehicle>, port: Port, why: &str) {
+    tracing::warn!("{}: {why}", name(port));
+    lock(shared).vehicle.closed(port);
 }
 
 fn name(port: Port) -> &'static str {

@@ -17,6 +17,7 @@ mod open;
 mod reports;
 mod requirements;
 pub(super) mod shared_vehicle;
+mod totals;
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -24,7 +25,7 @@ use std::time::{Duration, Instant};
 use whirlstand_bridge::config::{BridgeConfig, BridgeKind, Pace};
 use whirlstand_bridge::vehicle::Group;
 use whirlstand_bus::{Bus, Publisher};
-use whirlstand_msgs::{Head, Health, Imu, NodeState, Odometry, Sent, charge, flags};
+use whirlstand_msgs::{Head, Health, Imu, NodeState, Odometry, Reported, Sent, charge, flags};
 
 use crate::config::{NodeConfig, Role};
 use crate::error::NodeError;
@@ -41,6 +42,7 @@ use links::VehicleLinks;
 pub use open::open_vehicle;
 use reports::{state, tell_figures, tell_strangers};
 use shared_vehicle::{SharedVehicle, lock};
+use totals::{tell_figures, tell_strangers};
 
 /// Longest sleep: a stop request just before the sleep is noticed after it.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
@@ -76,6 +78,8 @@ struct VehicleNode {
     imu: Publisher<Imu>,
     odometry: Option<Publisher<Odometry>>,
     sent: Publisher<Sent>,
+    /// Only for a vehicle whose protocol has a mode.
+    reported: Option<Publisher<Reported>>,
     peers: Peers,
     phase: Phase,
     pace: Pace,
@@ -114,6 +118,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
     let commands = Commands::start(config, shared.clone(), stop.clone())?;
     let bus = Bus::open(&Setup::bus_config(config, Role::Plant))?;
     let (imu, sent) = (bus.publisher()?, bus.publisher()?);
+    let reported = if bridge.kind == BridgeKind::Mavlink { Some(bus.publisher()?) } else { None };
     let receiver = BusReceiver::open(&bus, Reader::Measurements)?;
     let odometry = if setup.map.has_odometry() { Some(bus.publisher()?) } else { None };
     let peers = Peers::open(&bus, Role::Plant, config.peers.clone())?;
@@ -125,6 +130,7 @@ pub fn run_vehicle(config: &NodeConfig, bridge: &BridgeConfig, stop: &StopFlag) 
         imu,
         odometry,
         sent,
+        reported,
         peers,
         phase: Phase::Joining { until: now + start_timeout },
         pace: pace(bridge),
@@ -270,15 +276,16 @@ impl VehicleNode {
     /// Performs step `self.step`.
     fn advance(&mut self, now: Instant) -> Result<(), NodeError> {
         let head = Head { seq: 0, step: self.step, stamp_ns: self.step * self.period_ns };
-        let (imu, odometry, sent) = {
+        let (imu, odometry, sent, reported) = {
             let mut shared = lock(&self.shared);
             if self.step > 0 {
                 shared.gate.close(false);
             }
             let (mut imu, mut odometry) = shared.vehicle.measure();
             (imu.head, odometry.head) = (head, head);
-            let mut sent = shared.vehicle.sent(shared.now());
-            sent.head = head;
+            let now = shared.now();
+            let (mut sent, mut reported) = (shared.vehicle.sent(now), shared.vehicle.reported(now));
+            (sent.head, reported.head) = (head, head);
             imu.flags = match sent.in_charge {
                 charge::PILOT => flags::MANUAL,
                 charge::FAILSAFE => flags::FAILSAFE,
@@ -286,13 +293,16 @@ impl VehicleNode {
             };
             shared.awaited = Some(self.step);
             shared.published = Instant::now();
-            (imu, odometry, sent)
+            (imu, odometry, sent, reported)
         };
         self.sent.send(&sent)?;
         if let Some(publisher) = &mut self.odometry {
             publisher.send(&odometry)?;
         }
         self.imu.send(&imu)?;
+        if let Some(publisher) = &mut self.reported {
+            publisher.send(&reported)?;
+        }
         self.last_imu = imu;
         self.step += 1;
         self.stepped = now;
