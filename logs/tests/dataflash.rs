@@ -119,7 +119,7 @@ fn a_log_of_px4s_former_format_is_named() {
         log.message(129, &[&(20_000 * k).to_le_bytes()]);
         log.message(2, &[&(k as f32).to_le_bytes()]);
     }
-    let error = info(&written(folder.path(), &log.bytes)).unwrap_err().to_string();
+    let error = info(written(folder.path(), &log.bytes)).unwrap_err().to_string();
     assert!(error.contains("sdlog2") && error.contains("CSV"), "{error}");
 }
 

@@ -17,7 +17,6 @@ mod open;
 mod reports;
 mod requirements;
 pub(super) mod shared_vehicle;
-mod totals;
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -42,7 +41,6 @@ use links::VehicleLinks;
 pub use open::open_vehicle;
 use reports::{state, tell_figures, tell_strangers};
 use shared_vehicle::{SharedVehicle, lock};
-use totals::{tell_figures, tell_strangers};
 
 /// Longest sleep: a stop request just before the sleep is noticed after it.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);

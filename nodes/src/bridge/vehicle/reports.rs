@@ -26,6 +26,7 @@ pub(super) fn tell_figures(f: &Figures, dropped: u64) {
         outputs = f.outputs,
         clamped = f.clamped,
         unsent = dropped,
+        unforwarded = f.unforwarded,
         clock_offset_ms = f.clock_offset_ns.map(|ns| ns / 1_000_000),
         round_trip_us = f.round_trip_ns.map(|ns| ns / 1000),
         "the bridge ends"
