@@ -3,9 +3,6 @@
 
 use std::time::Duration;
 
-use super::{Port, Source, Vehicle};
-use crate::config::Output;
-
 /// Fate of the outputs.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Delivery {
@@ -39,44 +36,24 @@ impl Delivery {
     pub(super) fn is_possible(&self, patience: Duration, now: Duration) -> bool {
         !self.is_closed && self.lost_since.is_none_or(|since| now.saturating_sub(since) < patience)
     }
-}
 
-impl Vehicle {
-    /// The port through which outputs leave.
-    fn output_port(&self) -> Port {
-        match self.output {
-            Output::Crsf | Output::Sbus if matches!(self.source, Source::Mavlink(_)) => Port::Output,
-            _ => Port::Link,
-        }
+    /// True once after an output was written: what the port does next tells its fate.
+    pub(super) fn takes(&mut self) -> bool {
+        std::mem::take(&mut self.waits)
     }
 
-    /// Reports how many bytes of a port were taken, and whether they left it.
-    pub fn handed_on(&mut self, port: Port, bytes: usize, has_left: bool, now: Duration) {
-        let is_output = port == self.output_port() && std::mem::take(&mut self.delivery.waits);
-        if port == Port::Link && has_left {
-            self.ground.waiting.sent(bytes, is_output, now);
-        }
-        if !is_output {
-            return;
-        }
-        self.delivery.lost = !has_left;
+    /// The port let the output leave, or dropped it.
+    pub(super) fn handed_on(&mut self, has_left: bool, now: Duration) {
+        self.lost = !has_left;
         if has_left {
-            self.delivery.lost_since = None;
+            self.lost_since = None;
         } else {
-            self.delivery.lost_since.get_or_insert(now);
-            self.outputs = self.outputs.saturating_sub(1);
+            self.lost_since.get_or_insert(now);
         }
     }
 
-    /// Reports that a port was closed; [`Vehicle::connected`] that it is open again.
-    pub fn closed(&mut self, port: Port) {
-        self.set_closed(port, true);
-    }
-
-    /// A closed link to the vehicle shows by its silence.
-    pub(super) fn set_closed(&mut self, port: Port, is_closed: bool) {
-        if port == Port::Output {
-            self.delivery.is_closed = is_closed;
-        }
+    /// The dedicated line of the outputs was closed, or is open again.
+    pub(super) fn set_closed(&mut self, is_closed: bool) {
+        self.is_closed = is_closed;
     }
 }

@@ -40,7 +40,7 @@ impl Vehicle {
         let mut figures = Figures {
             refused: refusals.not_finite
                 + refusals.old
-                + self.ground.refused_controls()
+                + self.ground.refused_controls
                 + self.ground.waiting.dropped(),
             unforwarded: self.ground.waiting.dropped(),
             outputs: self.outputs,

@@ -12,6 +12,7 @@ mod decide;
 mod delivery;
 mod figures;
 mod ground;
+mod handed_on;
 mod inbound;
 mod options;
 mod outbound;
@@ -20,6 +21,7 @@ mod receivers;
 mod reported;
 mod requests;
 mod sent;
+mod station;
 mod telemetry;
 mod warnings;
 

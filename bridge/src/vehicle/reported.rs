@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use whirlstand_msgs::{Message, Reported};
 
-use super::{Source, Vehicle};
 use crate::mavlink::{MavMessage, dialect};
 
 /// Age from which a signal strength is unknown: radios report theirs about once a second.
@@ -40,18 +39,12 @@ impl Report {
             _ => {}
         }
     }
-}
 
-impl Vehicle {
-    /// What the vehicle has reported. The caller fills in the head.
-    pub fn reported(&self, now: Duration) -> Reported {
-        let report = match &self.source {
-            Source::Mavlink(autopilot) => autopilot.report,
-            Source::Crsf { .. } => Report::default(),
-        };
+    /// The log message, without its head.
+    pub(super) fn message(&self, now: Duration) -> Reported {
         let young = |(share, at): (f64, Duration)| (now.saturating_sub(at) <= OLD).then_some(share);
-        let [rssi, remote_rssi, pilot_rssi] = report.signals.map(|s| s.and_then(young).unwrap_or(f64::NAN));
-        let [custom_mode, base_mode, system_status] = report.mode.unwrap_or_default();
+        let [rssi, remote_rssi, pilot_rssi] = self.signals.map(|s| s.and_then(young).unwrap_or(f64::NAN));
+        let [custom_mode, base_mode, system_status] = self.mode.unwrap_or_default();
         Reported {
             rssi,
             remote_rssi,
@@ -59,7 +52,7 @@ impl Vehicle {
             custom_mode,
             base_mode,
             system_status,
-            known: u32::from(report.mode.is_some()),
+            known: u32::from(self.mode.is_some()),
             ..Reported::zeroed()
         }
     }

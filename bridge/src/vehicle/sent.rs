@@ -1,9 +1,10 @@
-//! Log message of the outputs to the vehicle and their source.
+//! Log messages of the outputs to the vehicle with their source, and of what it reports.
 
 use std::time::Duration;
 
-use whirlstand_msgs::{MAX_INPUTS, Message, Sent, armed, charge};
+use whirlstand_msgs::{MAX_INPUTS, Message, Reported, Sent, armed, charge};
 
+use super::reported::Report;
 use super::{Source, Vehicle};
 use crate::arming::{Mode, Reason};
 
@@ -43,5 +44,13 @@ impl Vehicle {
             }
         };
         sent
+    }
+
+    /// What the vehicle has reported. The caller fills in the head.
+    pub fn reported(&self, now: Duration) -> Reported {
+        match &self.source {
+            Source::Mavlink(autopilot) => autopilot.report.message(now),
+            Source::Crsf { .. } => Report::default().message(now),
+        }
     }
 }

@@ -1,32 +1,130 @@
-//! Descent of a fit under one noise model, by the engine of the identification.
+//! Fits of a model: descents under one noise model by the engine of the identification, in turns with fits of the
+//! noise model.
 
 use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_ident::identify::search::{Derivatives, Limits, Point, search};
 
 use crate::data::record::Data;
 use crate::model::columns::{Column, Slot, blocks, dot, dots, products};
-use crate::model::fit::Model;
+use crate::model::fit::{Effort, Fit, Model, Optimum};
 use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
-use crate::thresholds::FIT_LIMITS;
+use crate::thresholds::{FIT_LIMITS, FIT_TOLERANCE};
+
+impl Model<'_, '_> {
+    /// Fits all values to the optimum, alternating with the noise model. `initial` are sensitivities to the
+    /// initial state from a model nearby: they guide the search, and the result does not depend on them.
+    ///
+    /// # Errors
+    /// When the start, or a point next to it, cannot be simulated.
+    pub fn fit(
+        &self,
+        start: Vec<f64>,
+        noise: Option<&Noise>,
+        initial: Option<&[Column]>,
+    ) -> Result<Fit, ModelError> {
+        let fit = self.search(start, noise, initial, Effort::Full)?;
+        if fit.columns.is_empty() {
+            let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), initial)?;
+            return Ok(Fit { columns, ..fit });
+        }
+        Ok(fit)
+    }
+
+    /// The optimum of [`Model::fit`], with the given effort.
+    ///
+    /// # Errors
+    /// As [`Model::fit`].
+    pub fn optimum(
+        &self,
+        start: Vec<f64>,
+        noise: Option<&Noise>,
+        initial: Option<&[Column]>,
+        effort: Effort,
+    ) -> Result<Optimum, ModelError> {
+        let Fit { values, profile, .. } = self.search(start, noise, initial, effort)?;
+        Ok(Optimum { values, profile })
+    }
+
+    /// The fit at an optimum: predictions, residual and sensitivities are computed again. `initial` as in
+    /// [`Model::fit`].
+    ///
+    /// # Errors
+    /// As [`Model::fit`].
+    pub fn at(&self, optimum: &Optimum, initial: &[Column]) -> Result<Fit, ModelError> {
+        let Optimum { values, profile } = optimum.clone();
+        let predicted = self.predict(&values)?;
+        let residual = self.free_run.data.residual(&predicted);
+        let columns = self.columns(&values, &predicted, &self.slots(), Some(initial))?;
+        Ok(Fit { values, predicted, residual, profile, columns })
+    }
+
+    /// Searches the optimum, in turns with the noise model. There are no columns where the values have moved
+    /// since the last ones.
+    fn search(
+        &self,
+        start: Vec<f64>,
+        noise: Option<&Noise>,
+        initial: Option<&[Column]>,
+        effort: Effort,
+    ) -> Result<Fit, ModelError> {
+        let data = self.free_run.data;
+        let (rounds, steps) = effort.rounds();
+        let slots = self.slots();
+        let values = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
+        let mut best = Run::new(self, values)?;
+        let again =
+            |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
+        let mut profile = again(&best.residual);
+        let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
+        for _ in 0..rounds {
+            best = Descent::new(self, &slots, &used, initial).lowest(best, steps)?;
+            let next = again(&best.residual);
+            let gain = next.log_likelihood - profile.log_likelihood;
+            let same = next.noise == used;
+            profile = next;
+            used = profile.noise.clone();
+            if same || gain.abs() < FIT_TOLERANCE || self.free_run.is_stopped() {
+                break;
+            }
+        }
+        let own = best.columns.into_iter().flatten();
+        let columns = initial.unwrap_or_default().iter().cloned().chain(own).collect::<Vec<_>>();
+        let columns = if columns.len() == best.values.len() { columns } else { Vec::new() };
+        Ok(Fit { values: best.values, predicted: best.predicted, residual: best.residual, profile, columns })
+    }
+
+    /// Covariance of the values (Cramer-Rao bound), from exact sensitivities at the fit.
+    ///
+    /// # Errors
+    /// When a sensitivity cannot be simulated, or the information matrix is not finite.
+    pub fn covariance(&self, fit: &Fit) -> Result<DMatrix<f64>, ModelError> {
+        let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
+        let data = self.free_run.data;
+        let zero = vec![0.0; fit.residual.len()];
+        let (information, _) = normal(&whitened(&fit.profile.noise, data, &columns), &zero);
+        pseudo_inverse(&information).ok_or(ModelError::NotDetermined)
+    }
+}
 
 /// A model's run over the record at some values.
 #[derive(Debug)]
-pub(super) struct Run {
-    pub values: Vec<f64>,
-    pub predicted: Vec<f64>,
+struct Run {
+    values: Vec<f64>,
+    predicted: Vec<f64>,
     /// Measured minus predicted, with gaps filled.
-    pub residual: Vec<f64>,
+    residual: Vec<f64>,
     /// Sensitivities to the values whose own are not given, unless the values have moved since.
-    pub columns: Option<Vec<Column>>,
+    columns: Option<Vec<Column>>,
 }
 
 impl Run {
     /// The run at `values`.
-    pub fn new(model: &Model, values: Vec<f64>) -> Result<Self, ModelError> {
+    fn new(model: &Model, values: Vec<f64>) -> Result<Self, ModelError> {
         let predicted = model.predict(&values)?;
         let residual = model.free_run.data.residual(&predicted);
         Ok(Self { values, predicted, residual, columns: None })
@@ -34,7 +132,7 @@ impl Run {
 }
 
 /// The search for the likeliest values of a model under one noise model.
-pub(super) struct Descent<'m> {
+struct Descent<'m> {
     model: &'m Model<'m, 'm>,
     slots: &'m [Slot],
     noise: &'m Noise,
@@ -44,7 +142,7 @@ pub(super) struct Descent<'m> {
 
 impl<'m> Descent<'m> {
     /// A descent with given sensitivities to the initial state, or with none.
-    pub fn new(
+    fn new(
         model: &'m Model<'m, 'm>,
         slots: &'m [Slot],
         noise: &'m Noise,
@@ -58,7 +156,7 @@ impl<'m> Descent<'m> {
     ///
     /// # Errors
     /// When a sensitivity cannot be simulated.
-    pub fn lowest(&self, start: Run, steps: usize) -> Result<Run, ModelError> {
+    fn lowest(&self, start: Run, steps: usize) -> Result<Run, ModelError> {
         let bounds: Vec<(f64, f64)> = self.slots.iter().map(|s| (s.lower, s.upper)).collect();
         let limits = Limits { iterations: steps, ..FIT_LIMITS };
         let observe = |_, _| match self.model.free_run.is_stopped() {
@@ -127,12 +225,12 @@ impl Point for Weighed<'_> {
 }
 
 /// Columns whitened by a noise model.
-pub(super) fn whitened(noise: &Noise, data: &Data, columns: &[Column]) -> Vec<Vec<f64>> {
+fn whitened(noise: &Noise, data: &Data, columns: &[Column]) -> Vec<Vec<f64>> {
     columns.par_iter().map(|c| noise.whiten(data, &data.filled(c))).collect()
 }
 
 /// Information matrix and gradient from whitened columns and residual.
-pub(super) fn normal(columns: &[Vec<f64>], white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+fn normal(columns: &[Vec<f64>], white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
     (products(columns), DVector::from_vec(dots(columns, white)))
 }
 

@@ -1,15 +1,11 @@
 //! A hypothesis about a record: a vehicle and effects with free parameters, fitted together.
 
-use crate::thresholds::FIT_TOLERANCE;
-use nalgebra::DMatrix;
 use whirlstand_vehicle::{Effect, Free, Vehicle};
 
 use crate::candidates::library::Candidate;
 use crate::model::columns::Column;
-use crate::model::descent::{Descent, Run, normal, whitened};
 use crate::model::free_run::{FreeRun, ModelError};
-use crate::model::noise::{Noise, Profile};
-use whirlstand_ident::identify::normal::pseudo_inverse;
+use crate::model::noise::Profile;
 
 /// Effort of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,7 +18,7 @@ pub enum Effort {
 
 impl Effort {
     /// How often the noise model is refitted, and the Levenberg-Marquardt steps under each.
-    fn rounds(self) -> (usize, usize) {
+    pub(super) fn rounds(self) -> (usize, usize) {
         match self {
             Effort::Glance => (1, 3),
             Effort::Full => (20, 6),
@@ -117,99 +113,5 @@ impl<'r, 'd> Model<'r, 'd> {
     /// When an effect does not fit, or the free run diverges.
     pub fn predict(&self, values: &[f64]) -> Result<Vec<f64>, ModelError> {
         self.free_run.run_vehicle(&self.vehicle(values)?, &values[..self.states()])
-    }
-
-    /// Fits all values to the optimum, alternating with the noise model. `initial` are sensitivities to the
-    /// initial state from a model nearby: they guide the search, and the result does not depend on them.
-    ///
-    /// # Errors
-    /// When the start, or a point next to it, cannot be simulated.
-    pub fn fit(
-        &self,
-        start: Vec<f64>,
-        noise: Option<&Noise>,
-        initial: Option<&[Column]>,
-    ) -> Result<Fit, ModelError> {
-        let fit = self.search(start, noise, initial, Effort::Full)?;
-        if fit.columns.is_empty() {
-            let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), initial)?;
-            return Ok(Fit { columns, ..fit });
-        }
-        Ok(fit)
-    }
-
-    /// The optimum of [`Model::fit`], with the given effort.
-    ///
-    /// # Errors
-    /// As [`Model::fit`].
-    pub fn optimum(
-        &self,
-        start: Vec<f64>,
-        noise: Option<&Noise>,
-        initial: Option<&[Column]>,
-        effort: Effort,
-    ) -> Result<Optimum, ModelError> {
-        let Fit { values, profile, .. } = self.search(start, noise, initial, effort)?;
-        Ok(Optimum { values, profile })
-    }
-
-    /// The fit at an optimum: predictions, residual and sensitivities are computed again. `initial` as in
-    /// [`Model::fit`].
-    ///
-    /// # Errors
-    /// As [`Model::fit`].
-    pub fn at(&self, optimum: &Optimum, initial: &[Column]) -> Result<Fit, ModelError> {
-        let Optimum { values, profile } = optimum.clone();
-        let predicted = self.predict(&values)?;
-        let residual = self.free_run.data.residual(&predicted);
-        let columns = self.columns(&values, &predicted, &self.slots(), Some(initial))?;
-        Ok(Fit { values, predicted, residual, profile, columns })
-    }
-
-    /// Searches the optimum, in turns with the noise model. There are no columns where the values have moved
-    /// since the last ones.
-    fn search(
-        &self,
-        start: Vec<f64>,
-        noise: Option<&Noise>,
-        initial: Option<&[Column]>,
-        effort: Effort,
-    ) -> Result<Fit, ModelError> {
-        let data = self.free_run.data;
-        let (rounds, steps) = effort.rounds();
-        let slots = self.slots();
-        let values = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
-        let mut best = Run::new(self, values)?;
-        let again =
-            |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
-        let mut profile = again(&best.residual);
-        let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
-        for _ in 0..rounds {
-            best = Descent::new(self, &slots, &used, initial).lowest(best, steps)?;
-            let next = again(&best.residual);
-            let gain = next.log_likelihood - profile.log_likelihood;
-            let same = next.noise == used;
-            profile = next;
-            used = profile.noise.clone();
-            if same || gain.abs() < FIT_TOLERANCE || self.free_run.is_stopped() {
-                break;
-            }
-        }
-        let own = best.columns.into_iter().flatten();
-        let columns = initial.unwrap_or_default().iter().cloned().chain(own).collect::<Vec<_>>();
-        let columns = if columns.len() == best.values.len() { columns } else { Vec::new() };
-        Ok(Fit { values: best.values, predicted: best.predicted, residual: best.residual, profile, columns })
-    }
-
-    /// Covariance of the values (Cramer-Rao bound), from exact sensitivities at the fit.
-    ///
-    /// # Errors
-    /// When a sensitivity cannot be simulated, or the information matrix is not finite.
-    pub fn covariance(&self, fit: &Fit) -> Result<DMatrix<f64>, ModelError> {
-        let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
-        let data = self.free_run.data;
-        let zero = vec![0.0; fit.residual.len()];
-        let (information, _) = normal(&whitened(&fit.profile.noise, data, &columns), &zero);
-        pseudo_inverse(&information).ok_or(ModelError::NotDetermined)
     }
 }

@@ -1,5 +1,6 @@
 //! `whirlstand run`: runs a bench, from its launch file to its verdict.
 
+mod law;
 mod one;
 mod progress;
 mod reproducible;
@@ -16,10 +17,8 @@ pub(crate) use one::{FinishedRun, fly};
 pub(crate) use progress::Progress;
 pub(crate) use start::{folder_name, unique_bench};
 
-use whirlstand_bridge::autopilot::AutopilotConfig;
 use whirlstand_bus::Transport;
 use whirlstand_msgs::units::rounded;
-use whirlstand_nodes::config::NodeConfig;
 
 use crate::cli::{JsonArg, RunArgs};
 use crate::command::clean::tidy;
@@ -113,7 +112,7 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan, bench:
         crate::style::strong(&jobs.name),
         crate::style::strong(&variant),
         plan.vehicle.name,
-        law(config),
+        law::law(config),
         mode,
         // The period is a whole number of nanoseconds: 130 Hz would be 129.9999948 Hz.
         rounded(1e9 / config.period_ns as f64, 6),
@@ -123,16 +122,6 @@ fn announce(jobs: &Jobs, variant: Option<&str>, plan: &crate::file::Plan, bench:
     ));
     if config.transport != Transport::Inproc {
         crate::style::say(&BenchCard::new(plan, bench).line());
-    }
-}
-
-/// Name of the law under which the vehicle flies; an autopilot replaces the controller and its law.
-fn law(config: &NodeConfig) -> String {
-    let autopilot = config.bridge.as_ref().and_then(AutopilotConfig::of);
-    let own = serde_json::to_value(config.controller.law).ok();
-    match autopilot {
-        Some(autopilot) => autopilot.kind.autopilot().into(),
-        None => own.as_ref().and_then(|law| law.as_str()).unwrap_or_default().into(),
     }
 }
 
@@ -147,24 +136,4 @@ fn exit_code(runs: &[summarised::Summarised]) -> ExitCode {
         Ending::Complete => 1,
     });
     ExitCode::from(code.max().unwrap_or(0))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cli::OverrideArgs;
-
-    #[test]
-    fn an_autopilot_flies_under_its_own_law_and_not_under_that_of_the_controller_it_replaces() {
-        let law_of = |launch: &str, set: &[String]| {
-            let overrides = OverrideArgs { set: set.to_vec(), ..OverrideArgs::default() };
-            let jobs = jobs(launch, &overrides, true).unwrap();
-            law(&jobs.runs[0].plan.config)
-        };
-        let bridge = |kind: &str| vec![format!("nodes.controller.bridge={kind}")];
-        assert_eq!(law_of("quadrotor", &["controller.law=lqr".into()]), "lqr");
-        assert_eq!(law_of("quadrotor", &bridge("px4-hil")), "PX4");
-        assert_eq!(law_of("quadrotor", &bridge("ardupilot-json")), "ArduPilot");
-        assert_eq!(law_of("quadrotor-mavlink", &[]), "lqr", "our controller flies a real vehicle");
-    }
 }

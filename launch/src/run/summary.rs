@@ -189,7 +189,7 @@ fn of_run(run: &Summarised) -> RunEntry {
             restarts: run.restarts.iter().cloned().collect(),
         },
         rate_hz: 1e9 / run.plan.config.period_ns as f64,
-        law: super::law(&run.plan.config),
+        law: super::law::law(&run.plan.config),
         steps: run.steps,
         wall_s: run.wall_s,
         steps_per_s: run.steps as f64 / run.wall_s.max(1e-9),
