@@ -100,10 +100,8 @@ pub(crate) const DECLARED_NOISE_LOG_STD: f64 = std::f64::consts::LN_2;
 /// Gain of the log-likelihood below which a fit has converged. A hundredth of the standard error of a
 /// log-likelihood ratio of one parameter (Wilks 1938).
 pub(crate) const FIT_TOLERANCE: f64 = 0.02;
-/// Levenberg-Marquardt steps tried from one point, each damped more than the last. Cost.
+/// Levenberg-Marquardt steps tried from one point, each with ten times the damping of the last. Cost.
 pub(crate) const MAX_DAMPED_STEPS: usize = 6;
-/// Limits of a fit under one noise model, whose steps the effort limits: a thirtieth of a standard error. Cost.
-pub(crate) const FIT_LIMITS: Limits = Limits { tolerance: 0.03, gain: 0.5 * FIT_TOLERANCE, ..SCORING_LIMITS };
 /// A run that exceeds the largest measured value by this factor has diverged: nonlinear effects far out cost
 /// thousands of steps each. Cost.
 pub(crate) const DIVERGED_RATIO: f64 = 1e3;

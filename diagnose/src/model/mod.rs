@@ -3,7 +3,6 @@
 pub mod climb;
 pub mod columns;
 pub mod commands;
-mod descent;
 pub mod fit;
 pub mod forced_response;
 pub mod free_run;

@@ -44,7 +44,7 @@ impl Model<'_, '_> {
                 columns.into_iter().map(Arc::new).collect()
             }
         };
-        columns.extend(self.own_columns(values, centre, slots)?);
+        columns.extend(self.own_columns(values, centre, slots)?.into_iter().map(Arc::new));
         Ok(columns)
     }
 
@@ -54,13 +54,13 @@ impl Model<'_, '_> {
         values: &[f64],
         centre: &[f64],
         slots: &[Slot],
-    ) -> Result<Vec<Column>, ModelError> {
+    ) -> Result<Vec<Vec<f64>>, ModelError> {
         let reached = self.reached(values)?;
         let groups = groups(&reached);
         let of = |members: &Vec<usize>| self.columns_of(members, &reached, (values, centre, slots));
         let found: Vec<Vec<(usize, Vec<f64>)>> = groups.par_iter().map(of).collect::<Result<_, _>>()?;
-        let mut columns = vec![Column::default(); reached.len()];
-        found.into_iter().flatten().for_each(|(own, column)| columns[own] = Arc::new(column));
+        let mut columns = vec![Vec::new(); reached.len()];
+        found.into_iter().flatten().for_each(|(own, column)| columns[own] = column);
         Ok(columns)
     }
 
