@@ -16,7 +16,7 @@ use crate::residual::lack_of_fit::LackOfFit;
 use crate::screen;
 use crate::stages::check::Checked;
 use crate::stages::findings::Findings;
-use crate::thresholds::{EXPLAINED_SHARE, MIN_BIC_GAIN, REJECTED_TOLD, RIDER_SHARE};
+use crate::thresholds::{EXPLAINED_SHARE, MIN_BIC_GAIN, REJECTED_TOLD};
 
 fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
     let loaded = checked.loaded;
@@ -180,10 +180,7 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
         return Verdict::Inconclusive;
     }
     if !answer.causes.is_empty() {
-        // A filter that follows a record leaves noise, whatever is wrong: a cause that explains next to nothing of
-        // it does not explain the record.
-        let little = data.memory_s.is_some() && explained(answer) < RIDER_SHARE;
-        let all = answer.unexplained.share < EXPLAINED_SHARE && !little && !lacks_fit(findings);
+        let all = answer.unexplained.share < EXPLAINED_SHARE && !lacks_fit(findings);
         return if all { Verdict::Explained } else { Verdict::PartlyExplained };
     }
     if leaves_more_than_noise(findings, data, vehicle) {
@@ -197,11 +194,6 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
     } else {
         Verdict::Consistent
     }
-}
-
-/// Share of the residual's power that the causes explain.
-fn explained(answer: &Diagnosis) -> f64 {
-    answer.causes.iter().map(|cause| cause.evidence.share_of_residual).sum()
 }
 
 /// Reason for not calling a model with causes an explanation.
@@ -296,9 +288,6 @@ fn whole_summary(answer: &Diagnosis) -> String {
         Verdict::PartlyExplained => {
             let left = match left {
                 ..0.5 if !answer.remarks.is_empty() => answer.remarks.join("; "),
-                ..0.5 if explained(answer) < RIDER_SHARE => {
-                    format!("it is {:.1} % of the residual power", 100.0 * explained(answer))
-                }
                 ..0.5 => "the remaining residual is small, but not noise".into(),
                 left => format!("{left:.0} % of the residual power remains"),
             };

@@ -1,4 +1,5 @@
-//! Doubts about causes: values at the end of their range, and factors that equal a ratio of units.
+//! Doubts about causes: values at the end of their range, factors that equal a ratio of units, and causes of next to
+//! nothing.
 
 use whirlstand_logs::shown::number;
 use whirlstand_vehicle::Kind;
@@ -6,7 +7,9 @@ use whirlstand_vehicle::Kind;
 use crate::answer::schema::Cause;
 use crate::candidates::Candidate;
 use crate::stages::findings::Findings;
-use crate::thresholds::{AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, UNIT_RATIOS};
+use crate::thresholds::{
+    AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, RIDER_SHARE, UNIT_RATIOS,
+};
 
 /// Sentences on what speaks against accepting the causes as the explanation.
 pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
@@ -16,7 +19,18 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
         doubts.extend(at_limits(candidate, &selection.fit.values[selection.model.range(term)]));
     }
     doubts.extend(causes.iter().filter_map(unit));
+    // A filter that follows a record leaves noise, whatever is wrong.
+    if findings.baseline.data().memory_s.is_some() {
+        doubts.extend(next_to_nothing(causes));
+    }
     doubts
+}
+
+/// Doubt about causes that explain next to nothing of what a filter that follows the record leaves.
+fn next_to_nothing(causes: &[Cause]) -> Option<String> {
+    let explained: f64 = causes.iter().map(|cause| cause.evidence.share_of_residual).sum();
+    let too_little = !causes.is_empty() && explained < RIDER_SHARE;
+    too_little.then(|| format!("that is {:.1} % of the residual power", 100.0 * explained))
 }
 
 /// Doubts about sizes of a cause that ended at a limit of their range.
@@ -110,5 +124,19 @@ mod tests {
         assert!(doubted("input_gain", 0.2, 0.35).is_none());
         assert!(doubted("input_gain", 57.4, 58.0).is_none() && doubted("input_gain", 1.9, 2.1).is_none());
         assert!(doubted("actuator_lag", 57.0, 57.6).is_none(), "a factor of something else");
+    }
+
+    #[test]
+    fn causes_of_next_to_nothing_are_doubted() {
+        let of = |shares: &[f64]| {
+            let one = |share: &f64| {
+                let mut cause = cause("input_gain", 0.7, 0.8);
+                cause.evidence.share_of_residual = *share;
+                cause
+            };
+            next_to_nothing(&shares.iter().map(one).collect::<Vec<_>>())
+        };
+        assert_eq!(of(&[0.001, 0.003]).unwrap(), "that is 0.4 % of the residual power");
+        assert_eq!((of(&[0.015, 0.015]), of(&[])), (None, None));
     }
 }
