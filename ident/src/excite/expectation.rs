@@ -123,7 +123,7 @@ impl<'a> Observer<'a> {
                     for (i, std) in self.noise.iter().enumerate() {
                         let at = step.k * p + i;
                         if *std > 0.0 && nominal.outputs[at].is_finite() {
-                            let slopes = &step.slopes[i * columns..(i + 1) * columns];
+                            let slopes = step.slopes(i);
                             row.iter_mut().zip(slopes).for_each(|(r, s)| *r = s / std);
                             normal.add(&row, (data.outputs[at] - nominal.outputs[at]) / std);
                         }

@@ -21,86 +21,13 @@ impl Ar {
     /// to `most` that BIC selects. Burg's models are always stable (Burg 1975; Kay and Marple, Proc. IEEE 69,
     /// 1981).
     pub fn fit(runs: &[Vec<f64>], most: usize) -> Self {
-        let total: usize = runs.iter().map(Vec::len).sum();
-        if total == 0 {
-            return Self::white(0.0);
-        }
-        let mut variance = runs.iter().flatten().map(|v| v * v).sum::<f64>() / total as f64;
-        let mut best = (f64::INFINITY, Self::white(variance));
-        let (mut forward, mut backward) = (runs.to_vec(), runs.to_vec());
-        let mut a: Vec<f64> = Vec::new();
-        let n = total as f64;
-        for order in 0..=most.min(total / 10) {
-            if variance.is_nan() || variance <= 0.0 {
-                break;
-            }
-            let bic = n * variance.ln() + order as f64 * n.ln();
-            if bic < best.0 {
-                best = (bic, Self { coefficients: a.clone(), variance });
-            }
-            let (mut cross, mut power) = (0.0, 0.0);
-            for (f, b) in forward.iter().zip(&backward) {
-                for k in order + 1..f.len() {
-                    cross += f[k] * b[k - 1];
-                    power += f[k] * f[k] + b[k - 1] * b[k - 1];
-                }
-            }
-            if power.is_nan() || power <= 0.0 {
-                break;
-            }
-            let reflection = -2.0 * cross / power;
-            for (f, b) in forward.iter_mut().zip(&mut backward) {
-                for k in (order + 1..f.len()).rev() {
-                    let (before, back) = (f[k], b[k - 1]);
-                    f[k] = before + reflection * back;
-                    b[k] = back + reflection * before;
-                }
-            }
-            let previous = a.clone();
-            a.push(reflection);
-            for (i, p) in previous.iter().enumerate() {
-                a[i] = p + reflection * previous[order - 1 - i];
-            }
-            variance *= 1.0 - reflection * reflection;
-        }
-        best.1
+        burg(&runs.iter().map(Vec::as_slice).collect::<Vec<_>>(), most, most)
     }
 
     /// Fits a single run like [`Ar::fit`], but stops once several orders in a row bring no improvement.
     pub fn burg(run: &[f64], most: usize) -> Self {
         const PATIENCE: usize = 5;
-        let n = run.len() as f64;
-        let mut variance = run.iter().map(|v| v * v).sum::<f64>() / n.max(1.0);
-        let mut best = (f64::INFINITY, Self::white(variance));
-        let (mut forward, mut backward) = (run.to_vec(), run.to_vec());
-        let mut a: Vec<f64> = Vec::with_capacity(most);
-        for order in 0..=most.min(run.len() / 10) {
-            if variance.is_nan() || variance <= 0.0 {
-                break;
-            }
-            let bic = n * variance.ln() + order as f64 * n.ln();
-            if bic < best.0 {
-                best = (bic, Self { coefficients: a.clone(), variance });
-            } else if order > best.1.order() + PATIENCE {
-                break;
-            }
-            // backward[k] holds b_(k-1): shifted by one in each order, by taking a shorter slice.
-            let f = &mut forward[order + 1..];
-            let b = &mut backward[..run.len() - order - 1];
-            let (cross, power) = correlation(f, b);
-            if power.is_nan() || power <= 0.0 {
-                break;
-            }
-            let reflection = -2.0 * cross / power;
-            reflect(f, b, reflection);
-            let previous = a.clone();
-            a.push(reflection);
-            for (i, p) in previous.iter().enumerate() {
-                a[i] = p + reflection * previous[order - 1 - i];
-            }
-            variance *= 1.0 - reflection * reflection;
-        }
-        best.1
+        burg(&[run], most, PATIENCE)
     }
 
     /// Order q of the model.
@@ -126,6 +53,52 @@ impl Ar {
             })
             .collect()
     }
+}
+
+/// Burg's method over all runs together; ends after more than `patience` orders in a row without a better BIC.
+fn burg(runs: &[&[f64]], most: usize, patience: usize) -> Ar {
+    let total: usize = runs.iter().map(|r| r.len()).sum();
+    let n = total as f64;
+    let mut variance = runs.iter().copied().flatten().map(|v| v * v).sum::<f64>() / n.max(1.0);
+    let mut best = (f64::INFINITY, Ar::white(variance));
+    let mut residuals: Vec<(Vec<f64>, Vec<f64>)> = runs.iter().map(|r| (r.to_vec(), r.to_vec())).collect();
+    let mut a: Vec<f64> = Vec::with_capacity(most);
+    for order in 0..=most.min(total / 10) {
+        if variance.is_nan() || variance <= 0.0 {
+            break;
+        }
+        let bic = n * variance.ln() + order as f64 * n.ln();
+        if bic < best.0 {
+            best = (bic, Ar { coefficients: a.clone(), variance });
+        } else if order > best.1.order() + patience {
+            break;
+        }
+        // backward[k] holds b_(k-1): shifted by one in each order, by taking a shorter slice. A run that is not
+        // longer than the order has nothing left.
+        let pairs = residuals.iter_mut().filter(|(f, _)| f.len() > order + 1);
+        let mut pairs: Vec<(&mut [f64], &mut [f64])> = pairs
+            .map(|(f, b)| {
+                let end = b.len() - order - 1;
+                (&mut f[order + 1..], &mut b[..end])
+            })
+            .collect();
+        let sums = pairs.iter().map(|(f, b)| correlation(f, b));
+        let (cross, power) = sums.fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+        if power.is_nan() || power <= 0.0 {
+            break;
+        }
+        let reflection = -2.0 * cross / power;
+        for (f, b) in &mut pairs {
+            reflect(f, b, reflection);
+        }
+        let previous = a.clone();
+        a.push(reflection);
+        for (i, p) in previous.iter().enumerate() {
+            a[i] = p + reflection * previous[order - 1 - i];
+        }
+        variance *= 1.0 - reflection * reflection;
+    }
+    best.1
 }
 
 /// Filters rows of numbers by A(q), or by 1/A(q), column by column.

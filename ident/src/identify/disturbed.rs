@@ -35,10 +35,9 @@ pub fn disturbed(problem: &Problem, segments: &[Segment], one_step: &[Vec<Vec<f6
                 (0..segment.steps).filter(|k| segment.outputs[k * p + i].is_finite()).collect();
             let steps = &measured[measured.len().saturating_sub(run.len())..];
             for (w, mark) in marks.iter_mut().enumerate() {
-                let within =
-                    steps.iter().zip(run).filter(|(k, _)| (w * length..(w + 1) * length).contains(*k));
-                let values: Vec<f64> = within.map(|(_, r)| r / usual[i]).collect();
-                let square = rms(&values).powi(2);
+                let at = |step: usize| steps.partition_point(|k| *k < step);
+                let values = run.get(at(w * length)..at((w + 1) * length)).unwrap_or_default();
+                let square = (rms(values) / usual[i]).powi(2);
                 let chance = 1.0 + SIGMAS * (2.0 / values.len().max(1) as f64).sqrt();
                 if values.len() >= 4 && square > RATIO.max(chance) && mark.is_none_or(|m| square > m.1) {
                     *mark = Some((i, square));

@@ -172,8 +172,7 @@ fn part(
                 let l = whiten[f][(i, j)];
                 if l != 0.0 {
                     residual += l * errors[j];
-                    let slopes = &step.slopes[fresh[j] * columns..(fresh[j] + 1) * columns];
-                    row.iter_mut().zip(slopes).for_each(|(r, s)| *r += l * s);
+                    row.iter_mut().zip(step.slopes(fresh[j])).for_each(|(r, s)| *r += l * s);
                 }
             }
             normal.add(&row, residual);

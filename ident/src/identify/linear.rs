@@ -4,13 +4,16 @@
 //! S = dx/d(theta, x0) obeys the derivative of the same recursion; dPhi and dGamma come from the Frechet derivative
 //! of the matrix exponential, so that nothing is differenced. No step allocates.
 
+use std::array::from_fn;
+use std::ops::Range;
+
 use multiversion::multiversion;
 use nalgebra::DMatrix;
 use whirlstand_vehicle::Matrix;
 
 use super::data::Segment;
 use super::predictor::Gains;
-use super::problem::{Problem, Step, Sweep, split};
+use super::problem::{Divisible, Problem, Step, Sweep, split};
 use super::sensitivity::exponential_with_derivatives;
 
 /// Magnitude beyond which a simulation has diverged.
@@ -18,6 +21,8 @@ const LARGEST: f64 = 1e9;
 /// Number of sensitivity columns propagated together.
 const LANES: usize = 8;
 type Lane = [f64; LANES];
+/// Number of rows of the state's sensitivities propagated together.
+const ROWS: usize = 4;
 
 /// A linear model at one value of the parameters.
 #[derive(Debug)]
@@ -30,6 +35,8 @@ pub struct Linear<'p> {
     flow: Flow,
     /// [C D], row after row.
     sensing: Vec<f64>,
+    /// Non-zero entries of C for every output.
+    shown: Vec<Vec<(usize, f64)>>,
     /// Parameters in C and D: parameter, output, index in [x; u].
     sensing_slopes: Vec<(usize, usize, usize)>,
     /// Number of parameters, including those of the noise model.
@@ -91,16 +98,27 @@ impl<'p> Linear<'p> {
         let mut sensing = DMatrix::zeros(p, w);
         sensing.view_mut((0, 0), (p, n)).copy_from(&c);
         sensing.view_mut((0, n), (p, m)).copy_from(&d);
+        let shown = (0..p).map(|i| (0..n).map(|j| (j, c[(i, j)])).filter(|(_, c)| *c != 0.0).collect());
         Some(Self {
             problem,
             gains,
             motion: rows(&value, n),
             flow,
             sensing: rows(&sensing, p),
+            shown: shown.collect(),
             sensing_slopes,
             parameters,
             padded,
         })
+    }
+}
+
+impl Linear<'_> {
+    /// The state after z = [x; u].
+    fn move_on(&self, z: &[f64], x: &mut [f64]) {
+        for (x, row) in x.iter_mut().zip(self.motion.chunks_exact(z.len())) {
+            *x = row.iter().zip(z).map(|(a, z)| a * z).sum();
+        }
     }
 }
 
@@ -109,114 +127,166 @@ impl Sweep for Linear<'_> {
         self.parameters + self.problem.nuisances()
     }
 
-    fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(Step<'_>)) -> bool {
+    fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(&Step<'_>)) -> bool {
+        self.sweep_part(segment, 0..segment.steps, nuisance, visit).is_some()
+    }
+
+    fn divisible(&self) -> Option<&dyn Divisible> {
+        // A predictor's state depends on its innovations too.
+        (self.gains.is_none() && self.problem.nuisance.initial_state).then_some(self)
+    }
+}
+
+impl Divisible for Linear<'_> {
+    fn sweep_part(
+        &self,
+        segment: &Segment,
+        steps: Range<usize>,
+        nuisance: &[f64],
+        visit: &mut dyn FnMut(&Step<'_>),
+    ) -> Option<DMatrix<f64>> {
         let (n, m, p) = (self.problem.n(), self.problem.m(), self.problem.p());
         let (w, q, columns) = (n + m, self.padded, self.columns());
         let (initial, offsets) = split(self.problem, nuisance);
         let first_offset = self.parameters + initial.len();
         let mut z = vec![0.0; w];
         z[..initial.len()].copy_from_slice(initial);
-        let mut s = vec![0.0; n * q];
+        let mut s = vec![0.0; n.next_multiple_of(ROWS) * q];
         for i in 0..initial.len() {
             s[i * q + self.parameters + i] = 1.0;
         }
         let mut next = s.clone();
         let mut x = vec![0.0; n];
         let mut predicted = vec![0.0; p];
-        let mut slopes = vec![0.0; p * columns];
-        let mut state_slopes = vec![0.0; p * q];
-        for k in 0..segment.steps {
+        // Whole lanes for every output; an offset moves no state of a simulation and may lie beyond those of the state.
+        let stride = columns.next_multiple_of(LANES);
+        let mut slopes = vec![0.0; p * stride];
+        for k in steps {
             z[n..].copy_from_slice(&segment.inputs[k * m..(k + 1) * m]);
-            for i in 0..p {
-                let row = &self.sensing[i * w..(i + 1) * w];
-                let y: f64 = row.iter().zip(&z).map(|(c, z)| c * z).sum();
-                predicted[i] = y + offsets.get(i).unwrap_or(&0.0);
-                let slope = &mut state_slopes[i * q..(i + 1) * q];
-                slope.fill(0.0);
-                for (j, c) in row[..n].iter().enumerate().filter(|(_, c)| **c != 0.0) {
-                    slope.iter_mut().zip(&s[j * q..(j + 1) * q]).for_each(|(o, s)| *o += c * s);
-                }
+            for (i, (y, row)) in predicted.iter_mut().zip(self.sensing.chunks_exact(w)).enumerate() {
+                *y = row.iter().zip(&z).map(|(c, z)| c * z).sum::<f64>() + offsets.get(i).unwrap_or(&0.0);
             }
+            show(&self.shown, &s, q, &mut slopes, stride);
             for &(parameter, i, j) in &self.sensing_slopes {
-                state_slopes[i * q + parameter] += z[j];
+                slopes[i * stride + parameter] += z[j];
             }
-            for i in 0..p {
-                let row = &mut slopes[i * columns..(i + 1) * columns];
-                let shared = columns.min(q);
-                row[..shared].copy_from_slice(&state_slopes[i * q..i * q + shared]);
-                if !offsets.is_empty() {
-                    row[first_offset + i] += 1.0;
-                }
+            for i in 0..offsets.len() {
+                let own = &mut slopes[i * stride + first_offset + i];
+                *own = if self.gains.is_some() { *own + 1.0 } else { 1.0 };
             }
-            visit(Step { k, predicted: &predicted, slopes: &slopes });
+            let step = Step::new(k, &predicted, &slopes, columns, stride);
+            visit(&step);
 
-            for (x, row) in x.iter_mut().zip(self.motion.chunks_exact(w)) {
-                *x = row.iter().zip(&z).map(|(a, z)| a * z).sum();
-            }
+            self.move_on(&z, &mut x);
             advance(&self.flow, &z, &s, &mut next);
             if let Some(gains) = self.gains {
-                let measured = &segment.outputs[k * p..(k + 1) * p];
-                gains.correct(k, measured, &predicted, &slopes, columns, &mut x, &mut next, q);
+                gains.correct(&step, &segment.outputs[k * p..(k + 1) * p], &mut x, &mut next, q);
             }
             std::mem::swap(&mut s, &mut next);
             z[..n].copy_from_slice(&x);
             if !x.iter().all(|x| x.abs() < LARGEST) {
-                return false;
+                return None;
             }
         }
-        true
+        let shared = columns.min(q);
+        Some(DMatrix::from_fn(n, columns, |i, j| if j < shared { s[i * q + j] } else { 0.0 }))
+    }
+
+    fn states(&self, segment: &Segment, nuisance: &[f64], at: &[usize]) -> Option<Vec<Vec<f64>>> {
+        let (n, m) = (self.problem.n(), self.problem.m());
+        let mut z = vec![0.0; n + m];
+        z[..n].copy_from_slice(split(self.problem, nuisance).0);
+        let mut x = vec![0.0; n];
+        let (mut found, mut k) = (Vec::with_capacity(at.len()), 0);
+        for end in at {
+            for u in segment.inputs[k * m..end * m].chunks_exact(m) {
+                z[n..].copy_from_slice(u);
+                self.move_on(&z, &mut x);
+                z[..n].copy_from_slice(&x);
+            }
+            k = *end;
+            found.push(z[..n].to_vec());
+        }
+        found.iter().flatten().all(|x| x.abs() < LARGEST).then_some(found)
     }
 }
 
-/// S+ = Phi S + sum over j of z_j dPhi_j, with z = [x; u]: stored without the zeros, of which a model in
-/// blocks or modes has many.
+/// S+ = Phi S + sum over j of z_j dPhi_j, with z = [x; u], for some rows of S at once, so that their sums stay in
+/// registers; without the blocks that are zero, of which a model in blocks or modes has many.
 #[derive(Debug)]
 struct Flow {
     padded: usize,
-    /// Non-zero entries of Phi for every row of S+.
-    rows: Vec<Vec<(usize, f64)>>,
-    /// Forcing terms of some columns of a row: column, and the entries of z with their coefficients.
-    forces: Vec<(usize, Vec<(usize, Lane)>)>,
+    blocks: Vec<Block>,
+}
+
+/// [`ROWS`] rows of S+; those beyond the last state are zero.
+#[derive(Debug)]
+struct Block {
+    /// Row of S and its factors in these rows of S+: columns of Phi.
+    motion: Vec<(usize, [f64; ROWS])>,
+    /// Forcing terms of each lane of columns: entry of z, and its coefficients in these rows.
+    forces: Vec<Vec<(usize, [Lane; ROWS])>>,
 }
 
 impl Flow {
     /// `value` is [Phi Gamma; 0 I]; `forces` are its derivatives: (row, column of [x; u]) x padded columns.
     fn new(value: &DMatrix<f64>, forces: &[Lane], n: usize, padded: usize) -> Self {
-        let (w, chunks) = (value.nrows(), padded / LANES);
-        let entries = |i: usize| (0..n).map(move |j| (j, value[(i, j)])).filter(|(_, a)| *a != 0.0).collect();
-        let force = |(i, c): (usize, usize)| {
-            let parts = (0..w).map(|j| (j, forces[(i * w + j) * chunks + c]));
-            (i * padded + c * LANES, parts.filter(|(_, lane)| *lane != [0.0; LANES]).collect::<Vec<_>>())
+        let (w, lanes) = (value.nrows(), padded / LANES);
+        let block = |first: usize| {
+            let factors = |j: usize| from_fn(|i| if first + i < n { value[(first + i, j)] } else { 0.0 });
+            let lane = |i: usize, j: usize, c: usize| {
+                if i < n { forces[(i * w + j) * lanes + c] } else { [0.0; LANES] }
+            };
+            let terms = |c: usize| {
+                let all = (0..w).map(|j| (j, from_fn(|i| lane(first + i, j, c))));
+                all.filter(|(_, rows)| *rows != [[0.0; LANES]; ROWS]).collect()
+            };
+            Block {
+                motion: (0..n).map(|j| (j, factors(j))).filter(|(_, a)| *a != [0.0; ROWS]).collect(),
+                forces: (0..lanes).map(terms).collect(),
+            }
         };
-        let all = (0..n).flat_map(|i| (0..chunks).map(move |c| (i, c)));
-        Self {
-            padded,
-            rows: (0..n).map(entries).collect(),
-            forces: all.map(force).filter(|(_, parts)| !parts.is_empty()).collect(),
-        }
+        Self { padded, blocks: (0..n).step_by(ROWS).map(block).collect() }
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
 fn advance(flow: &Flow, z: &[f64], s: &[f64], next: &mut [f64]) {
     let q = flow.padded;
-    for (row, next) in flow.rows.iter().zip(next.chunks_exact_mut(q)) {
-        for (c, next) in next.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+    for (block, next) in flow.blocks.iter().zip(next.chunks_exact_mut(ROWS * q)) {
+        for (c, forces) in block.forces.iter().enumerate() {
+            let mut sums = [[0.0; LANES]; ROWS];
+            for (j, factors) in &block.motion {
+                let Some(s) = s[j * q + c * LANES..].first_chunk::<LANES>() else { continue };
+                for (sum, a) in sums.iter_mut().zip(factors) {
+                    sum.iter_mut().zip(s).for_each(|(sum, s)| *sum += a * s);
+                }
+            }
+            for (j, lanes) in forces {
+                let z = z[*j];
+                for (sum, lane) in sums.iter_mut().zip(lanes) {
+                    sum.iter_mut().zip(lane).for_each(|(sum, lane)| *sum += z * lane);
+                }
+            }
+            for (i, sum) in sums.iter().enumerate() {
+                next[i * q + c * LANES..][..LANES].copy_from_slice(sum);
+            }
+        }
+    }
+}
+
+/// Writes C S, the outputs' sensitivities as far as the state shows in them; rows of `slopes` begin every `stride`.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn show(shown: &[Vec<(usize, f64)>], s: &[f64], q: usize, slopes: &mut [f64], stride: usize) {
+    for (row, slopes) in shown.iter().zip(slopes.chunks_exact_mut(stride)) {
+        for (c, slopes) in slopes[..q].as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
             let mut sum = [0.0; LANES];
             for (j, a) in row {
                 if let Some(s) = s[j * q + c * LANES..].first_chunk::<LANES>() {
                     sum.iter_mut().zip(s).for_each(|(sum, s)| *sum += a * s);
                 }
             }
-            *next = sum;
-        }
-    }
-    for (at, parts) in &flow.forces {
-        if let Some(next) = next[*at..].first_chunk_mut::<LANES>() {
-            for (j, lane) in parts {
-                let z = z[*j];
-                next.iter_mut().zip(lane).for_each(|(next, lane)| *next += z * lane);
-            }
+            *slopes = sum;
         }
     }
 }

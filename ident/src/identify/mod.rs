@@ -32,6 +32,7 @@ mod sensitivity;
 mod simulated;
 pub mod spread;
 pub mod start;
+mod sums;
 pub mod sweep;
 #[cfg(test)]
 mod tests;

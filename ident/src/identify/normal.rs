@@ -4,17 +4,22 @@ use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
 use whirlstand_linalg::symmetric_eigen;
 
-/// Inner products of the columns of a least-squares problem, the last column being the residual.
+/// Inner products of the columns of a least-squares problem and of its residual.
 ///
 /// Rows are added one at a time and processed in blocks, tile by tile, so that a tile of the sums stays in
 /// registers. Columns that are zero throughout a block (modes that an output does not show) cost nothing.
 #[derive(Debug, Clone)]
 pub struct Normal {
-    width: usize,
-    /// Width rounded up to whole tiles.
+    columns: usize,
+    /// Number of columns rounded up to whole tiles.
     padded: usize,
+    /// J'J, padded x padded, at and right of the diagonal.
     sums: Vec<f64>,
+    /// J'r, padded.
+    right: Vec<f64>,
+    square: f64,
     pending: Vec<f64>,
+    residuals: [f64; BLOCK],
     waiting: usize,
     rows: usize,
 }
@@ -27,18 +32,27 @@ const TILE: usize = 8;
 impl Normal {
     /// Empty sums for `columns` unknowns.
     pub fn new(columns: usize) -> Self {
-        let width = columns + 1;
-        let padded = width.next_multiple_of(TILE);
-        let (sums, pending) = (vec![0.0; padded * padded], vec![0.0; BLOCK * padded]);
-        Self { width, padded, sums, pending, waiting: 0, rows: 0 }
+        let padded = columns.next_multiple_of(TILE);
+        let zeros = |count: usize| vec![0.0; count];
+        let (sums, right, pending) = (zeros(padded * padded), zeros(padded), zeros(BLOCK * padded));
+        Self {
+            columns,
+            padded,
+            sums,
+            right,
+            square: 0.0,
+            pending,
+            residuals: [0.0; BLOCK],
+            waiting: 0,
+            rows: 0,
+        }
     }
 
     /// Adds a row: derivatives of the prediction by the unknowns, and measured minus predicted.
     #[inline]
     pub fn add(&mut self, slopes: &[f64], residual: f64) {
-        let row = &mut self.pending[self.waiting * self.padded..][..self.width];
-        row[..slopes.len()].copy_from_slice(slopes);
-        row[slopes.len()] = residual;
+        self.pending[self.waiting * self.padded..][..self.columns].copy_from_slice(slopes);
+        self.residuals[self.waiting] = residual;
         self.waiting += 1;
         self.rows += 1;
         if self.waiting == BLOCK {
@@ -47,7 +61,9 @@ impl Normal {
     }
 
     fn flush(&mut self) {
-        gather(&mut self.sums, &self.pending[..self.waiting * self.padded], self.padded);
+        let residuals = &self.residuals[..self.waiting];
+        self.square += residuals.iter().map(|r| r * r).sum::<f64>();
+        gather(&mut self.sums, &mut self.right, &self.pending, residuals, self.padded);
         self.waiting = 0;
     }
 
@@ -59,34 +75,39 @@ impl Normal {
     /// Finishes the accumulation: information matrix J'J, J'r and r'r.
     pub fn finish(mut self) -> Sums {
         self.flush();
-        let q = self.width - 1;
         let at = |a: usize, b: usize| self.sums[a.min(b) * self.padded + a.max(b)];
         Sums {
-            information: DMatrix::from_fn(q, q, at),
-            right: DVector::from_fn(q, |a, _| at(a, q)),
-            square: at(q, q),
+            information: DMatrix::from_fn(self.columns, self.columns, at),
+            right: DVector::from_column_slice(&self.right[..self.columns]),
+            square: self.square,
             rows: self.rows,
         }
     }
 }
 
-/// Adds the products of the columns of `rows`, for every tile at or right of the diagonal.
+/// Adds the products of the columns of `rows` with each other, for every tile at or right of the diagonal, and with the
+/// residuals.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
-fn gather(sums: &mut [f64], rows: &[f64], padded: usize) {
+fn gather(sums: &mut [f64], right: &mut [f64], rows: &[f64], residuals: &[f64], padded: usize) {
     const HALF: usize = TILE / 2;
-    let empty = |tile: usize| rows.chunks_exact(padded).all(|row| row[tile..tile + TILE] == [0.0; TILE]);
     for b in (0..padded).step_by(TILE) {
-        if empty(b) {
+        let all = || rows.chunks_exact(padded).zip(residuals);
+        let column = |row: &[f64]| -> [f64; TILE] { row[b..].first_chunk().copied().unwrap_or_default() };
+        let (mut tile, mut size) = ([0.0; TILE], [0.0; TILE]);
+        for (row, residual) in all() {
+            let row = column(row);
+            tile.iter_mut().zip(row).for_each(|(sum, r)| *sum += residual * r);
+            size.iter_mut().zip(row).for_each(|(size, r)| *size += r.abs());
+        }
+        if size == [0.0; TILE] {
             continue;
         }
+        right[b..].iter_mut().zip(tile).for_each(|(sum, t)| *sum += t);
         for a in (0..b + TILE).step_by(HALF) {
             let mut tile = [[0.0; TILE]; HALF];
-            for row in rows.chunks_exact(padded) {
-                let (Some(left), Some(right)) =
-                    (row[a..].first_chunk::<HALF>(), row[b..].first_chunk::<TILE>())
-                else {
-                    continue;
-                };
+            for (row, _) in all() {
+                let Some(left) = row[a..].first_chunk::<HALF>() else { continue };
+                let right = column(row);
                 for (sum, l) in tile.iter_mut().zip(left) {
                     sum.iter_mut().zip(right).for_each(|(sum, r)| *sum += l * r);
                 }
@@ -113,6 +134,23 @@ pub struct Sums {
 }
 
 impl Sums {
+    /// The same by other unknowns, on which these depend by `turn`: these x others.
+    pub fn by(&self, turn: &DMatrix<f64>) -> Self {
+        Self {
+            information: turn.transpose() * &self.information * turn,
+            right: turn.transpose() * &self.right,
+            ..*self
+        }
+    }
+
+    /// Adds the sums over other rows.
+    pub fn add(&mut self, other: &Self) {
+        self.information += &other.information;
+        self.right += &other.right;
+        self.square += other.square;
+        self.rows += other.rows;
+    }
+
     /// Sum of squared residuals after the unknowns have moved by `step`, to second order (exact for a linear problem).
     pub fn square_after(&self, step: &DVector<f64>) -> f64 {
         (self.square - 2.0 * self.right.dot(step) + step.dot(&(&self.information * step))).max(0.0)

@@ -11,13 +11,11 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use whirlstand_linalg::spectral_abscissa;
 
-use super::ar::{Ar, RowFilter};
+use super::ar::Ar;
 use super::data::Segment;
-use super::normal::{Normal, Sums, pseudo_inverse};
-use super::problem::{Problem, Sweep};
-
-/// Normal equations of one segment, one entry per output; `None` for outputs without weight.
-type OutputSums = Vec<Option<Sums>>;
+use super::normal::pseudo_inverse;
+use super::problem::Problem;
+use super::sums::{OutputSums, spacing, sums};
 
 /// The cost and its derivatives at one value of the parameters.
 #[derive(Debug, Clone)]
@@ -69,88 +67,6 @@ fn grows(problem: &Problem, segments: &[Segment], theta: &[f64]) -> bool {
     let longest = segments.iter().map(|s| s.steps).max().unwrap_or(0) as f64 * problem.period_s;
     // A free run is as useless for a model whose poles cannot be computed.
     spectral_abscissa(&problem.matrices_at(theta)[0]).map_or(true, |rate| rate * longest >= LARGEST_GROWTH)
-}
-
-fn sums(
-    problem: &Problem,
-    simulation: &dyn Sweep,
-    segment: &Segment,
-    whitening: &[Ar],
-    nuisance: &[f64],
-) -> Option<OutputSums> {
-    let (p, columns) = (problem.p(), simulation.columns());
-    let mut gathered: Vec<Option<Channel>> = (0..p)
-        .map(|i| (problem.weights[i] > 0.0).then(|| Channel::new(&whitening[i], columns, segment, i, p)))
-        .collect();
-    let fine = simulation.sweep(segment, nuisance, &mut |step| {
-        for (i, channel) in gathered.iter_mut().enumerate() {
-            if let Some(channel) = channel {
-                let measured = segment.outputs[step.k * p + i];
-                let slopes = &step.slopes[i * columns..(i + 1) * columns];
-                channel.add(step.k, slopes, measured - step.predicted[i]);
-            }
-        }
-    });
-    fine.then(|| gathered.into_iter().map(|c| c.map(|c| c.normal.finish())).collect())
-}
-
-/// Accumulates the rows of one output.
-struct Channel {
-    normal: Normal,
-    filter: RowFilter,
-    row: Vec<f64>,
-    plain: bool,
-    /// Usual distance of fresh values, steps.
-    every: usize,
-    last: Option<usize>,
-}
-
-impl Channel {
-    fn new(ar: &Ar, columns: usize, segment: &Segment, i: usize, p: usize) -> Self {
-        Self {
-            normal: Normal::new(columns),
-            filter: RowFilter::new(ar, false, columns + 1),
-            row: vec![0.0; columns + 1],
-            plain: ar.order() == 0,
-            every: spacing(segment, i, p),
-            last: None,
-        }
-    }
-
-    fn add(&mut self, k: usize, slopes: &[f64], residual: f64) {
-        if !residual.is_finite() {
-            return;
-        }
-        if self.plain {
-            self.normal.add(slopes, residual);
-            return;
-        }
-        if self.last.is_some_and(|last| k - last != self.every) {
-            self.filter.reset();
-        }
-        self.last = Some(k);
-        let columns = slopes.len();
-        self.row[..columns].copy_from_slice(slopes);
-        self.row[columns] = residual;
-        if let Some(row) = self.filter.next(&self.row) {
-            self.normal.add(&row[..columns], row[columns]);
-        }
-    }
-}
-
-/// Median number of steps between fresh values of output `i` of `p`.
-pub fn spacing(segment: &Segment, i: usize, p: usize) -> usize {
-    let mut gaps = Vec::new();
-    let mut last = None;
-    for k in 0..segment.steps {
-        if segment.outputs[k * p + i].is_finite()
-            && let Some(last) = last.replace(k)
-        {
-            gaps.push(k - last);
-        }
-    }
-    gaps.sort_unstable();
-    gaps.get(gaps.len() / 2).copied().unwrap_or(1)
 }
 
 fn combine(

@@ -52,6 +52,19 @@ pub fn output_error(
     watch: &Watch,
 ) -> Option<(Evaluation, Outcome)> {
     let first = output_error::evaluate(problem, segments, whitening, theta, nuisances)?;
+    let (found, outcome) = descend(problem, segments, whitening, first, limits, watch);
+    Some((found, Outcome { evaluations: outcome.evaluations + 1, ..outcome }))
+}
+
+/// Moves from the evaluation `first` to the nearest minimum.
+fn descend(
+    problem: &Problem,
+    segments: &[Segment],
+    whitening: &[Ar],
+    first: Evaluation,
+    limits: Limits,
+    watch: &Watch,
+) -> (Evaluation, Outcome) {
     let at = |from: &Evaluation, theta: &[f64], step: &DVector<f64>| {
         let follow = |(old, coupling): (&Vec<f64>, &DMatrix<f64>)| -> Vec<f64> {
             let moved = coupling * step;
@@ -61,7 +74,7 @@ pub fn output_error(
         let next = output_error::evaluate(problem, segments, whitening, theta, &nuisances)?;
         next.cost.is_finite().then_some(next)
     };
-    Some(search(first, &bounds(problem), limits, at, |step, cost| descends(watch, step, cost)))
+    search(first, &bounds(problem), limits, at, |step, cost| descends(watch, step, cost))
 }
 
 /// The best of all starts, after a short search from each.
@@ -104,9 +117,9 @@ fn from_starts(
     let mut spent = Outcome { iterations: 0, evaluations: starts.len(), converged: false };
     let mut best: Option<Evaluation> = None;
     let limits = Limits { iterations: 30, ..Limits::default() };
-    for e in evaluated(segments).iter().take(3) {
-        let found = output_error(problem, segments, &white, &e.theta, &e.nuisances, limits, watch);
-        let converged = keep(&mut best, &mut spent, found);
+    for first in evaluated(segments).into_iter().take(3) {
+        let found = descend(problem, segments, &white, first, limits, watch);
+        let converged = keep(&mut best, &mut spent, Some(found));
         let explained = || best.as_ref().is_some_and(|b| explains(problem, segments, b));
         if converged && explained() || watch.is_stopped() {
             break;
@@ -178,8 +191,8 @@ pub fn fit(
     let mut fixed = Vec::new();
     let tried = IdentifyError::UnstableStart { tried: 1 };
     let mut spent = Outcome { iterations: 0, evaluations: 0, converged: false };
-    let mut nuisances = no_nuisances(&problem, segments);
     let mut noises = Vec::new();
+    let mut first = None;
     let mut theta = if noise == Noise::Kalman {
         let start = kalman_start(&problem, segments, extra, watch);
         noises = start.noise;
@@ -187,8 +200,7 @@ pub fn fit(
     } else {
         let (found, outcome) = from_starts(&problem, segments, extra, watch)?;
         spent = outcome;
-        nuisances = found.nuisances;
-        found.theta
+        first.insert(found).theta.clone()
     };
     loop {
         let found = match noise {
@@ -196,11 +208,11 @@ pub fn fit(
                 let start = Start { theta: theta.clone(), noise: noises.clone() };
                 kalman(&problem, segments, &start, watch)
             }
-            _ => match outputs(&problem, segments, noise, &theta, &nuisances, watch) {
+            _ => match first.take().and_then(|first| outputs(&problem, segments, noise, first, watch)) {
                 // A parameter that was just fixed may have left the others without a stable simulation.
                 None if !fixed.is_empty() => {
                     let (found, _) = from_starts(&problem, segments, &[theta.clone()], watch)?;
-                    outputs(&problem, segments, noise, &found.theta, &found.nuisances, watch)
+                    outputs(&problem, segments, noise, found, watch)
                 }
                 found => found,
             },
@@ -213,7 +225,7 @@ pub fn fit(
             Some(Undetermined { index, why }) if problem.parameters.len() > 1 && !watch.is_stopped() => {
                 let parameter = problem.parameters.remove(index);
                 theta = fit.theta;
-                nuisances = fit.nuisances;
+                let mut nuisances = fit.nuisances;
                 if let NoiseFit::Kalman(_, found) = fit.noise {
                     noises = found;
                 }
@@ -221,6 +233,9 @@ pub fn fit(
                 let value =
                     lead(&mut problem, segments, &parameter, from, (&mut theta, &mut nuisances), watch);
                 fixed.push(Fixed { parameter, value, why });
+                if noise != Noise::Kalman {
+                    first = output_error::evaluate(&problem, segments, &white(&problem), &theta, &nuisances);
+                }
             }
             _ => return Ok(Fit { fixed, ..fit }),
         }
@@ -260,21 +275,19 @@ fn lead(
     reached
 }
 
-/// Fits by output error with white or autoregressive residuals.
+/// Fits by output error with white or autoregressive residuals, from an evaluation with white ones.
 fn outputs(
     problem: &Problem,
     segments: &[Segment],
     noise: Noise,
-    theta: &[f64],
-    nuisances: &[Vec<f64>],
+    first: Evaluation,
     watch: &Watch,
 ) -> Option<(Fit, DMatrix<f64>)> {
     let mut whitening = white(problem);
     // While the noise model changes too, no round needs a precise minimum, as the next one moves it.
     let coloured = noise == Noise::Coloured;
     let limits = Limits { iterations: if coloured { 15 } else { 100 }, ..Limits::default() };
-    let (mut found, mut outcome) =
-        output_error(problem, segments, &whitening, theta, nuisances, limits, watch)?;
+    let (mut found, mut outcome) = descend(problem, segments, &whitening, first, limits, watch);
     if coloured {
         // Noise model and parameters alternate; a few rounds converge.
         for _ in 0..20 {

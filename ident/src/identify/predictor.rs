@@ -11,7 +11,7 @@ use whirlstand_vehicle::discretise;
 
 use super::covariance::CovarianceRecursion;
 use super::data::Segment;
-use super::problem::Problem;
+use super::problem::{Problem, Step};
 
 /// Longest pattern of fresh and stale outputs that is treated as periodic, steps.
 const LONGEST_PATTERN: usize = 64;
@@ -193,31 +193,20 @@ impl Gains {
         }
     }
 
-    /// Adds K e to the state and its derivative to the sensitivities.
-    #[expect(clippy::too_many_arguments, reason = "the inner step of one loop")]
-    pub fn correct(
-        &self,
-        k: usize,
-        measured: &[f64],
-        predicted: &[f64],
-        slopes: &[f64],
-        columns: usize,
-        x: &mut [f64],
-        s: &mut [f64],
-        q: usize,
-    ) {
-        let phase = self.phase(k);
+    /// Adds K e to the state `x` and its derivative to the sensitivities `s`, whose rows have `q` columns.
+    pub fn correct(&self, step: &Step<'_>, measured: &[f64], x: &mut [f64], s: &mut [f64], q: usize) {
+        let phase = self.phase(step.k);
         let fresh = phase.fresh.len();
         for (column, &output) in phase.fresh.iter().enumerate() {
-            let error = measured[output] - predicted[output];
+            let error = measured[output] - step.predicted[output];
             if !error.is_finite() {
                 continue;
             }
-            let slope = &slopes[output * columns..(output + 1) * columns];
+            let slope = step.slopes(output);
             for (i, x) in x.iter_mut().enumerate() {
                 let gain = phase.gain[(i, column)];
                 *x += gain * error;
-                let row = &mut s[i * q..i * q + columns];
+                let row = &mut s[i * q..][..slope.len()];
                 row.iter_mut().zip(slope).for_each(|(s, d)| *s -= gain * d);
                 if !phase.gain_slopes.is_empty() {
                     let own = &phase.gain_slopes[(i * fresh + column) * self.parameters..][..self.parameters];

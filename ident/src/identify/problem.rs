@@ -1,5 +1,7 @@
 //! The estimation problem: a vehicle with free parameters, and its simulation with sensitivities.
 
+use std::ops::Range;
+
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
@@ -166,18 +168,54 @@ pub struct Step<'a> {
     pub k: usize,
     /// Predicted outputs, SI.
     pub predicted: &'a [f64],
-    /// Derivatives of every output by all parameters, then by the segment's nuisances; outputs x columns.
-    pub slopes: &'a [f64],
+    slopes: &'a [f64],
+    columns: usize,
+    stride: usize,
+}
+
+impl<'a> Step<'a> {
+    /// Step `k`; the derivatives of output i begin at `slopes[i * stride]`, `columns` of them.
+    pub fn new(k: usize, predicted: &'a [f64], slopes: &'a [f64], columns: usize, stride: usize) -> Self {
+        Self { k, predicted, slopes, columns, stride }
+    }
+
+    /// Derivatives of output `i` by all parameters, then by the segment's nuisances.
+    pub fn slopes(&self, i: usize) -> &'a [f64] {
+        &self.slopes[i * self.stride..][..self.columns]
+    }
 }
 
 /// A simulation or predictor with its sensitivities.
 pub trait Sweep: Sync {
-    /// Number of columns of [`Step::slopes`]: parameters, then nuisances of a segment.
+    /// Number of derivatives of an output, [`Step::slopes`]: parameters, then nuisances of a segment.
     fn columns(&self) -> usize;
 
     /// Simulates a segment with the given nuisances and calls `visit` at every step; false when the run
     /// diverged.
-    fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(Step<'_>)) -> bool;
+    fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(&Step<'_>)) -> bool;
+
+    /// The same as a run whose parts can be swept on their own; `None` where the future depends on the past by more than
+    /// the state, or the state at a cut is not among the unknowns.
+    fn divisible(&self) -> Option<&dyn Divisible> {
+        None
+    }
+}
+
+/// A sweep whose parts can be swept on their own.
+pub trait Divisible: Sync {
+    /// The states before the steps `at`, which ascend; `None` when the run diverged.
+    fn states(&self, segment: &Segment, nuisance: &[f64], at: &[usize]) -> Option<Vec<Vec<f64>>>;
+
+    /// Simulates some steps of a segment; the initial state among the nuisances is that before the first of them. Returns
+    /// the derivatives of the state after the last of them by the same unknowns, states x columns; `None` when the run
+    /// diverged.
+    fn sweep_part(
+        &self,
+        segment: &Segment,
+        steps: Range<usize>,
+        nuisance: &[f64],
+        visit: &mut dyn FnMut(&Step<'_>),
+    ) -> Option<DMatrix<f64>>;
 }
 
 /// Splits the nuisances of a segment into initial state and output offsets; those not estimated are empty.

@@ -33,7 +33,7 @@ pub struct Derivatives {
 pub struct Outcome {
     /// Number of steps.
     pub iterations: usize,
-    /// Number of evaluations of the cost.
+    /// Number of evaluations of the cost, without that of the start.
     pub evaluations: usize,
     /// True when the last step was shorter than the tolerance, and not only because of its damping.
     pub converged: bool,
@@ -77,7 +77,7 @@ pub fn search<P: Point>(
     mut observe: impl FnMut(usize, f64) -> ControlFlow<()>,
 ) -> (P, Outcome) {
     let mut point = start;
-    let mut outcome = Outcome { iterations: 0, evaluations: 1, converged: false };
+    let mut outcome = Outcome { iterations: 0, evaluations: 0, converged: false };
     let (mut damping, mut growth) = (1e-3, 2.0);
     while outcome.iterations < limits.iterations {
         outcome.iterations += 1;
@@ -239,7 +239,7 @@ mod tests {
         let free = [(-5.0, 5.0), (-5.0, 5.0)];
         let start = || Rosenbrock::new(&[-1.2, 1.0]);
         let (unmoved, outcome) = search(start(), &free, Limits::default(), at, |_, _| ControlFlow::Break(()));
-        assert_eq!((unmoved.x, outcome.evaluations, outcome.converged), (vec![-1.2, 1.0], 1, false));
+        assert_eq!((unmoved.x, outcome.evaluations, outcome.converged), (vec![-1.2, 1.0], 0, false));
         let until_third = |step, _| if step < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         let (best, outcome) = search(start(), &free, Limits::default(), at, until_third);
         assert!(!outcome.converged && outcome.iterations == 3 && best.cost < start().cost, "{outcome:?}");

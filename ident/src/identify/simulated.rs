@@ -126,7 +126,7 @@ impl Sweep for Simulated<'_> {
         self.perturbed.len() + self.problem.nuisances()
     }
 
-    fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(Step<'_>)) -> bool {
+    fn sweep(&self, segment: &Segment, nuisance: &[f64], visit: &mut dyn FnMut(&Step<'_>)) -> bool {
         let (n, m, p) = (self.problem.n(), self.problem.m(), self.problem.p());
         let columns = self.columns();
         let (initial, offsets) = split(self.problem, nuisance);
@@ -178,7 +178,7 @@ impl Sweep for Simulated<'_> {
                     slopes[i * columns + perturbed.len() + i] = 1.0;
                 }
             }
-            visit(Step { k, predicted: &predicted, slopes: &slopes });
+            visit(&Step::new(k, &predicted, &slopes, columns, columns));
             centre.advance();
             if let Some(gains) = self.gains {
                 gains.change(k, measured, &predicted, None, &mut change);

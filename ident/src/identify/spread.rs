@@ -7,8 +7,9 @@ use whirlstand_linalg::symmetric_eigen;
 use super::ar::{Ar, RowFilter};
 use super::data::Segment;
 use super::normal::{Normal, pseudo_inverse};
-use super::output_error::{Evaluation, eliminate, spacing};
+use super::output_error::{Evaluation, eliminate};
 use super::problem::{Parameter, Problem};
+use super::sums::spacing;
 
 /// Covariance of the parameters of an output-error fit.
 ///
@@ -49,7 +50,7 @@ pub fn covariance(
                 if let Some(channel) = channel
                     && segment.outputs[step.k * p + i].is_finite()
                 {
-                    channel.add(step.k, &step.slopes[i * columns..(i + 1) * columns]);
+                    channel.add(step.k, step.slopes(i));
                 }
             }
         });
