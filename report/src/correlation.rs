@@ -42,7 +42,7 @@ pub fn correlation(input: &[f64], residual: &[f64], period_s: f64) -> Option<Cor
         return None;
     }
     let reach = reach.min(u.len() / 8);
-    let filter = Ar::burg(&u, ORDER);
+    let filter = Ar::fit(&[&u], ORDER);
     let (u, r) = (filter.whiten(&u), filter.whiten(&r));
     let power = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>();
     let scale = (power(&u) * power(&r)).sqrt();

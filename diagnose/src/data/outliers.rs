@@ -191,7 +191,7 @@ fn foretold(r: &[f64], good: &[bool]) -> Option<Wild> {
     let mut rest = r.to_vec();
     let mut found = None;
     for _ in 0..OUTLIER_ROUNDS {
-        let ar = Ar::burg(&rest, MAX_AR_ORDER);
+        let ar = Ar::fit(&[&rest], MAX_AR_ORDER);
         let mut colour = vec![1.0];
         colour.extend(&ar.coefficients);
         let mut white = filtered(&ar, r);

@@ -62,7 +62,7 @@ impl Noise {
         let ranges = data.ranges();
         let models = over_channels(data, |c| {
             let (channel, r) = (&data.channels[c], &residual[ranges[c].clone()]);
-            let mut ar = Ar::burg(r, MAX_AR_ORDER);
+            let mut ar = Ar::fit(&[r], MAX_AR_ORDER);
             let white = filtered(&ar, r);
             let (mut sum, mut power, mut rows) = (0.0, 0.0, 0usize);
             for ((e, r), _) in

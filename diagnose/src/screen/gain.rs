@@ -41,7 +41,7 @@ impl Columns {
         for (column, weight) in columns.iter().zip(weights) {
             residual.iter_mut().zip(column).for_each(|(r, c)| *r += weight * c);
         }
-        let ar = Ar::burg(&residual, SCREENED_AR_ORDER);
+        let ar = Ar::fit(&[&residual], SCREENED_AR_ORDER);
         (residual, ar)
     }
 

@@ -17,17 +17,54 @@ impl Ar {
         Self { coefficients: Vec::new(), variance }
     }
 
-    /// Fits runs of residuals (mean not removed) by Burg's method over all runs together, with the order up
-    /// to `most` that BIC selects. Burg's models are always stable (Burg 1975; Kay and Marple, Proc. IEEE 69,
-    /// 1981).
-    pub fn fit(runs: &[Vec<f64>], most: usize) -> Self {
-        burg(&runs.iter().map(Vec::as_slice).collect::<Vec<_>>(), most, most)
-    }
-
-    /// Fits a single run like [`Ar::fit`], but stops once several orders in a row bring no improvement.
-    pub fn burg(run: &[f64], most: usize) -> Self {
+    /// Fits runs of residuals (mean not removed) by Burg's method over all runs together, with the order up to `most`
+    /// that BIC selects; the search ends once several orders in a row bring no improvement. Burg's models are always
+    /// stable (Burg 1975; Kay and Marple, Proc. IEEE 69, 1981).
+    pub fn fit<R: AsRef<[f64]>>(runs: &[R], most: usize) -> Self {
         const PATIENCE: usize = 5;
-        burg(&[run], most, PATIENCE)
+        let total: usize = runs.iter().map(|r| r.as_ref().len()).sum();
+        let n = total as f64;
+        let mut variance = runs.iter().flat_map(|r| r.as_ref()).map(|v| v * v).sum::<f64>() / n.max(1.0);
+        let mut best = (f64::INFINITY, Self::white(variance));
+        let mut residuals: Vec<(Vec<f64>, Vec<f64>)> =
+            runs.iter().map(|r| (r.as_ref().to_vec(), r.as_ref().to_vec())).collect();
+        let mut a: Vec<f64> = Vec::with_capacity(most);
+        for order in 0..=most.min(total / 10) {
+            if variance.is_nan() || variance <= 0.0 {
+                break;
+            }
+            let bic = n * variance.ln() + order as f64 * n.ln();
+            if bic < best.0 {
+                best = (bic, Self { coefficients: a.clone(), variance });
+            } else if order > best.1.order() + PATIENCE {
+                break;
+            }
+            // backward[k] holds b_(k-1): shifted by one in each order, by taking a shorter slice. A run that is not
+            // longer than the order has nothing left.
+            let pairs = residuals.iter_mut().filter(|(f, _)| f.len() > order + 1);
+            let mut pairs: Vec<(&mut [f64], &mut [f64])> = pairs
+                .map(|(f, b)| {
+                    let end = b.len() - order - 1;
+                    (&mut f[order + 1..], &mut b[..end])
+                })
+                .collect();
+            let sums = pairs.iter().map(|(f, b)| correlation(f, b));
+            let (cross, power) = sums.fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+            if power.is_nan() || power <= 0.0 {
+                break;
+            }
+            let reflection = -2.0 * cross / power;
+            for (f, b) in &mut pairs {
+                reflect(f, b, reflection);
+            }
+            let previous = a.clone();
+            a.push(reflection);
+            for (i, p) in previous.iter().enumerate() {
+                a[i] = p + reflection * previous[order - 1 - i];
+            }
+            variance *= 1.0 - reflection * reflection;
+        }
+        best.1
     }
 
     /// Order q of the model.
@@ -53,52 +90,6 @@ impl Ar {
             })
             .collect()
     }
-}
-
-/// Burg's method over all runs together; ends after more than `patience` orders in a row without a better BIC.
-fn burg(runs: &[&[f64]], most: usize, patience: usize) -> Ar {
-    let total: usize = runs.iter().map(|r| r.len()).sum();
-    let n = total as f64;
-    let mut variance = runs.iter().copied().flatten().map(|v| v * v).sum::<f64>() / n.max(1.0);
-    let mut best = (f64::INFINITY, Ar::white(variance));
-    let mut residuals: Vec<(Vec<f64>, Vec<f64>)> = runs.iter().map(|r| (r.to_vec(), r.to_vec())).collect();
-    let mut a: Vec<f64> = Vec::with_capacity(most);
-    for order in 0..=most.min(total / 10) {
-        if variance.is_nan() || variance <= 0.0 {
-            break;
-        }
-        let bic = n * variance.ln() + order as f64 * n.ln();
-        if bic < best.0 {
-            best = (bic, Ar { coefficients: a.clone(), variance });
-        } else if order > best.1.order() + patience {
-            break;
-        }
-        // backward[k] holds b_(k-1): shifted by one in each order, by taking a shorter slice. A run that is not
-        // longer than the order has nothing left.
-        let pairs = residuals.iter_mut().filter(|(f, _)| f.len() > order + 1);
-        let mut pairs: Vec<(&mut [f64], &mut [f64])> = pairs
-            .map(|(f, b)| {
-                let end = b.len() - order - 1;
-                (&mut f[order + 1..], &mut b[..end])
-            })
-            .collect();
-        let sums = pairs.iter().map(|(f, b)| correlation(f, b));
-        let (cross, power) = sums.fold((0.0, 0.0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
-        if power.is_nan() || power <= 0.0 {
-            break;
-        }
-        let reflection = -2.0 * cross / power;
-        for (f, b) in &mut pairs {
-            reflect(f, b, reflection);
-        }
-        let previous = a.clone();
-        a.push(reflection);
-        for (i, p) in previous.iter().enumerate() {
-            a[i] = p + reflection * previous[order - 1 - i];
-        }
-        variance *= 1.0 - reflection * reflection;
-    }
-    best.1
 }
 
 /// Filters rows of numbers by A(q), or by 1/A(q), column by column.
@@ -232,16 +223,6 @@ mod tests {
         assert!((ar.coefficients[0] + 1.5).abs() < 0.05 && (ar.coefficients[1] - 0.8).abs() < 0.05, "{ar:?}");
         assert!((ar.variance - 1.0).abs() < 0.05);
         assert_eq!(Ar::fit(&[coloured(5000, &[], 3)], 20).order(), 0);
-    }
-
-    #[test]
-    fn a_single_run_gives_what_several_runs_give() {
-        let run = coloured(3000, &[-1.2, 0.5, 0.1], 9);
-        let (single, several) = (Ar::burg(&run, 20), Ar::fit(std::slice::from_ref(&run), 20));
-        assert_eq!(single.order(), several.order());
-        for (a, b) in single.coefficients.iter().zip(&several.coefficients) {
-            assert!((a - b).abs() < 1e-9, "{single:?} {several:?}");
-        }
     }
 
     #[test]

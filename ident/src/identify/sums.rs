@@ -106,7 +106,7 @@ struct Channel {
     filter: RowFilter,
     row: Vec<f64>,
     plain: bool,
-    /// Usual distance of fresh values, steps.
+    /// Usual distance of fresh values, steps; a plain sum needs none.
     every: usize,
     last: Option<usize>,
 }
@@ -118,7 +118,7 @@ impl Channel {
             filter: RowFilter::new(ar, false, columns + 1),
             row: vec![0.0; columns + 1],
             plain: ar.order() == 0,
-            every: spacing(segment, i, p),
+            every: if ar.order() == 0 { 1 } else { spacing(segment, i, p) },
             last: None,
         }
     }
