@@ -27,6 +27,9 @@ pub struct Free {
 /// Provenance of a fitted vehicle: keys and values, in the order in which they are written.
 pub type Provenance = Vec<(String, String)>;
 
+/// Key of the provenance for the steps of a fit that were longer than those of its record, s.
+pub const FIT_PERIOD: &str = "period_s";
+
 /// Key of the provenance for the source of the outputs' noise.
 pub const SENSOR_NOISE: &str = "sensor_noise";
 /// Value of [`SENSOR_NOISE`] for noise estimated from a record in which the vehicle moved.

@@ -41,7 +41,7 @@ pub use effects::{
     Spec, Window,
 };
 pub use error::{EffectError, FileError, SimulatorError, VehicleError};
-pub use free::{ESTIMATED_IN_MOTION, Free, Provenance, SENSOR_NOISE, Target};
+pub use free::{ESTIMATED_IN_MOTION, FIT_PERIOD, Free, Provenance, SENSOR_NOISE, Target};
 pub use kinematics::kinematic_row;
 pub use model::{Engine, Input, Output, State, Vehicle, Vibration};
 pub use plausible::check_attitude;

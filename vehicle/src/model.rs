@@ -184,6 +184,13 @@ impl Vehicle {
             .any(|(key, value)| key == crate::free::SENSOR_NOISE && value == crate::free::ESTIMATED_IN_MOTION)
     }
 
+    /// Steps to which the record was averaged before this vehicle was fitted to it, s: what happens within one of them
+    /// the fit has not seen, and the outputs' noise is that of the averages.
+    pub fn fit_period(&self) -> Option<f64> {
+        let value = self.provenance.iter().find(|(key, _)| key == crate::free::FIT_PERIOD)?;
+        value.1.parse().ok().filter(|period: &f64| *period > 0.0 && period.is_finite())
+    }
+
     /// Index of the state with the given name.
     pub fn state_index(&self, name: &str) -> Option<usize> {
         self.states.iter().position(|s| s.name == name)

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use whirlstand_logs::Record;
 use whirlstand_logs::stats::{rms, white_noise_std};
-use whirlstand_vehicle::{ESTIMATED_IN_MOTION, Matrix, SENSOR_NOISE, Target, Vehicle};
+use whirlstand_vehicle::{ESTIMATED_IN_MOTION, FIT_PERIOD, Matrix, SENSOR_NOISE, Target, Vehicle};
 
 use super::answer::{
     AxisAnswer, DRAFT_SCHEMA, Draft, HeldOut, LeftOut, ParameterAnswer, SignalAnswer, TriedAnswer,
@@ -118,9 +118,8 @@ fn is_integral(output: &Chosen, outputs: &[Chosen]) -> bool {
 
 /// The record resampled to the steps that the fit needs.
 fn on_even_steps(record: &Record, inputs: &[Chosen]) -> Result<Record, DraftError> {
-    let own = record.period().unwrap_or(0.0);
     let wanted = (record.duration() / MANY_STEPS).clamp(SHORTEST_STEP_S, LONGEST_STEP_S);
-    if record.time_unit != "s" || wanted < 1.2 * own {
+    if !record.is_finer_than(wanted) {
         return Ok(record.clone());
     }
     let held = |name: &str| inputs.iter().any(|input| input.name == name);
@@ -215,11 +214,15 @@ fn finish(
     vehicle.map.extend(names.time.iter().map(|column| ("t".to_string(), column.clone())));
     limits_and_noise(&mut vehicle, record, &used);
     vehicle.provenance = provenance(log, names);
+    let period_s = axes.first().map_or(0.0, |axis| axis.pair.period_s);
+    if record.is_finer_than(period_s) {
+        vehicle.provenance.push((FIT_PERIOD.into(), period_s.to_string()));
+    }
     let mut draft = Draft {
         schema: DRAFT_SCHEMA.into(),
         log: log.into(),
         vehicle: name,
-        period_s: axes.first().map_or(0.0, |axis| axis.pair.period_s),
+        period_s,
         axes: answers(&vehicle, &origins, fitted),
         angles: angles.iter().map(|(c, _)| c.name.clone()).collect(),
         signals: used

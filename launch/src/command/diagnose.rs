@@ -8,7 +8,7 @@ use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
 use super::early_end::EarlyEnd;
-use super::log::{check_delays, read_for};
+use super::log::{check_delays, period_of, read_for};
 use super::vehicles::find;
 use super::{print, write, write_json};
 use crate::cli::{DiagnoseArgs, RecordArgs};
@@ -20,9 +20,10 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<ExitCode, Failure> {
     crate::memory::give_large_pieces_back();
     let vehicle = find(&args.vehicle)?;
     let (search, watch) = EarlyEnd::new("diagnose", args.budget)?;
-    let options = options(args, &vehicle, watch)?;
+    let mut options = options(args, &vehicle, watch)?;
     let records =
         args.logs.iter().map(|path| part(path, &args.part, &vehicle)).collect::<Result<Vec<_>, _>>()?;
+    options.period_s = records.first().and_then(|record| period_of(&args.part, &vehicle, record));
     let answer = run(records, &vehicle, &options);
     let search = search.finish();
     let mut answer = answer.map_err(Failure::mend)?;
@@ -77,7 +78,7 @@ fn options(args: &DiagnoseArgs, vehicle: &Vehicle, watch: Watch) -> Result<Optio
     let ground =
         |path: &Option<PathBuf>| path.as_ref().map(|p| read_for(p, &args.part.map, vehicle)).transpose();
     Ok(Options {
-        period_s: args.part.period,
+        period_s: None,
         horizon_s: args.horizon,
         refit: args.refit.then_some(true),
         modes: args.mode.clone(),

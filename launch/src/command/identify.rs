@@ -7,10 +7,10 @@ use whirlstand_ident::identify::align::lags;
 use whirlstand_ident::identify::{Log, Method, Noise, Nuisance, Options, Segment, Source, identify as run};
 use whirlstand_logs::Record;
 use whirlstand_msgs::units::clean;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{FIT_PERIOD, Vehicle};
 
 use super::early_end::EarlyEnd;
-use super::log::{hash, read_all_for};
+use super::log::{hash, period_of, read_all_for};
 use super::vehicles::find;
 use super::{print, write, write_json};
 use crate::cli::{IdentifyArgs, IdentifyMethod, IdentifyNoise};
@@ -23,34 +23,39 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<ExitCode, Failure> {
     let vehicle = find(&args.vehicle)?;
     let (search, watch) = EarlyEnd::new("identify", args.budget)?;
     let (mut fitted, mut control, mut closed_loop) = (Vec::new(), Vec::new(), args.closed_loop);
+    let mut averaged = None;
     for path in &args.logs {
-        let (log, record) = open(path, args, &vehicle)?;
+        let Opened { log, record, period, coarser } = open(path, args, &vehicle)?;
         closed_loop |= steered(&record);
+        averaged = averaged.or(period.filter(|_| coarser));
         let (first, last) = (record.time.first().copied(), record.time.last().copied());
         let from = args.part.from.unwrap_or(f64::NEG_INFINITY).max(first.unwrap_or(0.0));
         let to = args.part.to.unwrap_or(f64::INFINITY).min(last.unwrap_or(0.0));
         // The data between two held-out parts may be too short for identification.
         let least = 16.0 * record.duration() / record.len().max(1) as f64;
         for (from, to) in rest((from, to), &args.hold_out, least) {
-            for segment in parts(&record, &vehicle, args, (from, to))? {
+            for segment in parts(&record, &vehicle, period, (from, to))? {
                 fitted.push(Source { log: log.clone(), segment });
             }
         }
         for &(a, b) in &args.hold_out {
-            for segment in parts(&record, &vehicle, args, (a.max(from), b.min(to)))? {
+            for segment in parts(&record, &vehicle, period, (a.max(from), b.min(to)))? {
                 control.push(Source { log: log.clone(), segment });
             }
         }
     }
     for path in &args.validation {
-        let (log, record) = open(path, args, &vehicle)?;
-        for segment in parts(&record, &vehicle, args, (f64::NEG_INFINITY, f64::INFINITY))? {
+        let Opened { log, record, period, .. } = open(path, args, &vehicle)?;
+        for segment in parts(&record, &vehicle, period, (f64::NEG_INFINITY, f64::INFINITY))? {
             control.push(Source { log: log.clone(), segment });
         }
     }
     let answer = run(&vehicle, &fitted, &control, &options(args, closed_loop), &watch);
     let search = search.finish();
     let mut answer = answer.map_err(Failure::mend)?;
+    if let (Some(fitted), Some(period)) = (&mut answer.fitted, averaged) {
+        fitted.provenance.push((FIT_PERIOD.into(), period.to_string()));
+    }
     if let (Some(path), Some(fitted)) = (&args.output, &answer.fitted) {
         write(path, &fitted.to_toml())?;
         answer.fitted_vehicle = Some(path.display().to_string());
@@ -107,19 +112,33 @@ fn options(args: &IdentifyArgs, closed_loop: bool) -> Options {
     }
 }
 
-/// Reads a log and resamples it to the requested clock; also returns the hash of the file.
-fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<(Log, Record), Failure> {
+/// A log that has been read.
+struct Opened {
+    /// The file and its hash.
+    log: Log,
+    /// The record, on the clock of the fit.
+    record: Record,
+    /// Steps of the fit if they are not the record's own, s.
+    period: Option<f64>,
+    /// True when the record was averaged to longer steps.
+    coarser: bool,
+}
+
+/// Reads a log and resamples it to the clock of the fit.
+fn open(path: &Path, args: &IdentifyArgs, vehicle: &Vehicle) -> Result<Opened, Failure> {
     let mut record = aligned(read_all_for(path, &args.part.map, vehicle)?, args, vehicle)?;
-    if let Some(period) = args.part.period {
+    let period = period_of(&args.part, vehicle, &record);
+    let coarser = period.is_some_and(|period| record.is_finer_than(period));
+    if let Some(period) = period {
         if record.time_unit == "samples" {
             record = record.with_sample_period(period);
-        } else if record.period().is_some_and(|own| period > 1.2 * own) {
+        } else if coarser {
             // A coarser clock: the signal passes through the anti-aliasing filter.
             let held = |name: &str| vehicle.input_index(name).is_some();
             record = record.resampled(period, held).map_err(Failure::mend)?;
         }
     }
-    Ok((Log { file: path.display().to_string(), sha256: hash(path)? }, record))
+    Ok(Opened { log: Log { file: path.display().to_string(), sha256: hash(path)? }, record, period, coarser })
 }
 
 /// True when a log of this program shows that a controller was in the loop: a reference was tracked, or the
@@ -140,11 +159,11 @@ fn steered(record: &Record) -> bool {
 fn parts(
     record: &Record,
     vehicle: &Vehicle,
-    args: &IdentifyArgs,
+    period: Option<f64>,
     (from, to): (f64, f64),
 ) -> Result<Vec<Segment>, Failure> {
     let some = |v: f64| v.is_finite().then_some(v);
-    Segment::unbroken(record, vehicle, args.part.period, (some(from), some(to))).map_err(Failure::mend)
+    Segment::unbroken(record, vehicle, period, (some(from), some(to))).map_err(Failure::mend)
 }
 
 /// Shifts the signals whose delay is given. Without any given delay, reports the signals that lag.

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use sha2::{Digest, Sha256};
-use whirlstand_logs::shown::counted;
+use whirlstand_logs::shown::{counted, number};
 use whirlstand_logs::{
     BenchInfo, Diff, Ending, IN_CHARGE, InCharge, LogInfo, Mapping, Record, SignalSummary, TopicInfo,
 };
@@ -12,7 +12,7 @@ use whirlstand_msgs::units::clean;
 use whirlstand_vehicle::Vehicle;
 
 use super::{print_data, tell};
-use crate::cli::LogCommand;
+use crate::cli::{LogCommand, RecordArgs};
 use crate::error::Failure;
 use crate::style;
 
@@ -77,6 +77,22 @@ pub(crate) fn read_for(path: &Path, map: &[String], vehicle: &Vehicle) -> Result
     let inputs = vehicle.inputs.iter().map(|input| input.name.as_str());
     let signals: Vec<&str> = outputs.chain(inputs).chain([IN_CHARGE]).collect();
     read_with(path, map, vehicle, Some(&signals))
+}
+
+/// The steps of `--period`; without it those to which the vehicle was fitted, where the record's are shorter: the vehicle's
+/// noise is that of such steps, and of what happens within them it knows nothing.
+pub(crate) fn period_of(part: &RecordArgs, vehicle: &Vehicle, record: &Record) -> Option<f64> {
+    let inherited = || {
+        let period = vehicle.fit_period().filter(|period| record.is_finer_than(*period))?;
+        crate::style::say(&format!(
+            "{}: steps of {} s, as vehicle '{}' was fitted; --period gives others",
+            record.origin,
+            number(period),
+            vehicle.name
+        ));
+        Some(period)
+    };
+    part.period.or_else(inherited)
 }
 
 /// As [`read_for`], but with every signal of the log, including the controller's inputs and answers.

@@ -25,6 +25,7 @@ use super::{text, truth, tuned};
 use crate::campaign::limits;
 use crate::cli::TuneArgs;
 use crate::command::diagnose::{check_part, part};
+use crate::command::log::period_of;
 use crate::command::stage_line::StageLine;
 use crate::command::{INTERRUPTED, tell, write};
 use crate::error::Failure;
@@ -221,8 +222,8 @@ fn diagnosis(args: &TuneArgs, vehicle: &Vehicle) -> Result<Diagnosis, Failure> {
     let line = StageLine::new("tune", None);
     let listener = line.listener();
     let watch = Watch::new(Arc::new(AtomicBool::new(false)), listener);
-    let answer =
-        diagnose(records, vehicle, &Options { watch, period_s: args.part.period, ..Options::default() });
+    let period_s = records.first().and_then(|record| period_of(&args.part, vehicle, record));
+    let answer = diagnose(records, vehicle, &Options { watch, period_s, ..Options::default() });
     line.finish();
     answer.map_err(Failure::mend)
 }

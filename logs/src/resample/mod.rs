@@ -53,6 +53,12 @@ pub fn resample(
 }
 
 impl Record {
+    /// True when steps of `period` s are so much longer than the record's own, in s, that the record has to be
+    /// resampled to them; a step of nearly the same length is the record's own with a rounded number.
+    pub fn is_finer_than(&self, period: f64) -> bool {
+        self.time_unit == "s" && self.period().is_some_and(|own| period > 1.2 * own)
+    }
+
     /// The record on an even clock of `period` s. Signals for which `held` returns true are held, not
     /// interpolated.
     ///
