@@ -89,6 +89,7 @@ pub fn check_autopilot(
     // The check itself is the only client of these ports.
     autopilot.betaflight.msp.clear();
     autopilot.px4.telemetry = Some(String::new());
+    autopilot.ardupilot.telemetry = Some(String::new());
     let name = autopilot.kind.autopilot();
     let setup = Setup::new(config)?;
     let Parts { mixer, rc, .. } = autopilot
