@@ -47,7 +47,7 @@ mod tests {
         id: u16,
         chunk_seq: u8,
     ) -> Option<(bool, String)> {
-        texts.take(&STATUSTEXT_DATA { severity, text: text.into(), id, chunk_seq, ..Default::default() })
+        texts.take(&STATUSTEXT_DATA { severity, text: text.into(), id, chunk_seq })
     }
 
     #[test]

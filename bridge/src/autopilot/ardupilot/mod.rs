@@ -23,10 +23,8 @@ use crate::sensors::Sensors;
 
 pub use options::{ArdupilotOptions, PORT};
 pub use packet::{PacketError, ServoPacket};
+pub use telemetry::TELEMETRY;
 use telemetry::Telemetry;
-
-/// Port of its MAVLink link; its simulation interface is port 0.
-pub const TELEMETRY: usize = 1;
 
 /// Output of each motor of a quad in the order of the mixer's frames, which is ArduPilot's own order.
 pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];

@@ -11,9 +11,11 @@ use std::time::Duration;
 
 use super::super::heard::Heard;
 use super::super::simulator::{self, COMPONENT, SYSTEM, is_vehicles_beat};
-use super::TELEMETRY;
 use crate::mavlink::{Deframer, Encoder, Event};
 use crate::note::Notes;
+
+/// Port of its MAVLink link; its simulation interface is port 0.
+pub const TELEMETRY: usize = 1;
 
 /// Time between two heartbeats of this station.
 const HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
