@@ -84,6 +84,7 @@ fn an_autopilot_that_is_never_armed_ends_the_run_with_its_reason() -> Outcome {
             end.stderr
         );
     }
+    ardupilot_ends_with_its_reason()?;
     let (mut arguments, options) = betaflight(std::array::from_fn(|_| free_udp()));
     let msp = free_tcp();
     arguments.extend(["--msp".into(), msp.to_string(), format!("--blocked={:#x}", 1 << 7)]);
@@ -94,6 +95,39 @@ fn an_autopilot_that_is_never_armed_ends_the_run_with_its_reason() -> Outcome {
     let end = take_off("betaflight-sitl", "betaflight.py", &arguments, &options, &rest)?.fail();
     let told = "Betaflight was not armed within 8 s: THROTTLE (the throttle is not low)";
     assert!(end.stdout.contains(told), "{}{}", end.stderr, end.stdout);
+    Ok(())
+}
+
+/// ArduPilot's simulation interface has no reasons: they come from its MAVLink, and without it the user is told of it.
+fn ardupilot_ends_with_its_reason() -> Outcome {
+    let (port, serial1) = (free_udp(), free_tcp());
+    let place = format!("tcpout://127.0.0.1:{serial1}");
+    let checks = ": PreArm: RC not calibrated; PreArm: AHRS: EKF3 Yaw inconsistent 12 deg. Wait or reboot";
+    let silent = format!(", and has not said why: nothing is received from it at {place}");
+    for (has_mavlink, words) in [(true, checks), (false, &silent)] {
+        let mut arguments: Vec<String> =
+            [&*port.to_string(), "REPORT", "--disarmed"].map(Into::into).to_vec();
+        if has_mavlink {
+            arguments.extend(["--serial1".into(), serial1.to_string()]);
+        }
+        let options = [
+            format!("bridge.ardupilot.link=udpin://127.0.0.1:{port}"),
+            format!("bridge.ardupilot.telemetry={place}"),
+            "plant.start_timeout_s=5".into(),
+        ];
+        let rest = ["--mode", "lockstep"];
+        let flying = take_off("ardupilot-json", "ardupilot.py", &arguments, &options, &rest)?;
+        let (end, report) = flying.fail_with_report();
+        let told = format!("ArduPilot was not armed within 5 s{words}");
+        assert!(end.stdout.contains(&told), "{told}\n{}{}", end.stderr, end.stdout);
+        assert_eq!(report["faults"], value!([]), "{report}");
+        if has_mavlink {
+            let state =
+                "ArduPilot is system 1, component 1, and says that it is not armed, in mode Stabilize";
+            assert!(end.stderr.contains(state), "{}", end.stderr);
+            assert!(report["asked"].as_u64() >= Some(1) && report["beats"].as_u64() >= Some(2), "{report}");
+        }
+    }
     Ok(())
 }
 

@@ -80,12 +80,17 @@ fn the_check_says_which_axis_ardupilot_has_turned() -> Outcome {
     let (port, ground) = (free_udp(), free_udp());
     let arguments =
         [&port.to_string(), "REPORT", "--disarmed", "--telemetry", &ground.to_string(), "--turned", "roll"];
+    // Its sensors have no noise, which is told.
     let options = [
         format!("--set=bridge.ardupilot.link=udpin://127.0.0.1:{port}"),
         format!("--telemetry=udpin://127.0.0.1:{ground}"),
+        "--set=bridge.sensors={gyro_noise=0, accel_noise=0}".into(),
     ];
     let (code, said) = check("ardupilot.py", &arguments.map(Into::into), "quadrotor-ardupilot", &options)?;
     assert_eq!(code, 1, "{said}");
+    let constant =
+        "ArduPilot may take them for failed (PX4 does after 100 equal readings): gyroscope, accelerometer";
+    assert_eq!(said.matches(constant).count(), 1, "{said}");
     has_verdicts(
         &said,
         "ok ArduPilot sends outputs
@@ -347,6 +352,8 @@ fn what_an_autopilots_bridge_cannot_be_is_refused_with_its_place() {
         (["nodes.controller.bridge=betaflight-sitl", "bridge.rc.throttle=2"], "0 to 1"),
         (["nodes.controller.bridge=ardupilot-json", "bridge.sensors.heading=90 m"], "m"),
         (["nodes.controller.bridge=ardupilot-json", "bridge.flight.stale_s=0"], "above 0"),
+        (["nodes.controller.bridge=ardupilot-json", "bridge.ardupilot.telemetry=nowhere"], "tcpout://"),
+        (["nodes.controller.bridge=betaflight-sitl", "bridge.betaflight.msp=nowhere"], "tcpout://"),
     ] {
         let mut args = vec!["run", "quadrotor"];
         assignments.iter().for_each(|a| args.extend(["--set", a]));

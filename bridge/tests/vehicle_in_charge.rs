@@ -59,6 +59,33 @@ fn a_vehicle_that_turns_against_its_commands_ends_it_and_is_told() {
 }
 
 #[test]
+fn the_signs_are_judged_by_the_outputs_that_left() {
+    let mut pair = Pair::with(&config(), support::turning(-0.02));
+    pair.armed = true;
+    let (mut roll, mut rate) = (0.02f32, 0.0f32);
+    for k in 0..1200 {
+        pair.now += Duration::from_millis(5);
+        pair.say(&pair.heartbeat());
+        let time_boot_ms = (pair.now + pair.boot).as_millis() as u32;
+        let rollspeed = rate;
+        let attitude = dialect::ATTITUDE_DATA { time_boot_ms, roll, rollspeed, ..Default::default() };
+        pair.say(&MavMessage::ATTITUDE(attitude));
+        // A line that takes one output of ten; the others, which never act, command the opposite.
+        pair.takes = k % 10 == 0;
+        let target = if k / 150 % 2 == 0 { 0.1 } else { -0.1 };
+        let u = f64::from(4.0 * (roll - target) + 3.0 * rate) / if pair.takes { 0.02 } else { -0.02 };
+        pair.vehicle.command(&[u.clamp(-20.0, 20.0), 0.0], pair.now);
+        pair.listen();
+        // The vehicle obeys the last output that arrived.
+        let stick = pair.channels().map_or(0.0, |[us, _]| (f32::from(us) - 1500.0) / 500.0);
+        rate += 0.4 * stick * 0.005;
+        roll += rate * 0.005;
+        let mode = pair.vehicle.mode();
+        assert_eq!(mode, Mode::Automatic, "after {k} steps at {roll} rad: {:?}", pair.notes());
+    }
+}
+
+#[test]
 fn the_log_is_told_what_was_sent_and_whose_will_it_was() {
     let mut pair = Pair::new(&releasing(config()));
     for _ in 0..10 {

@@ -85,18 +85,17 @@ fn channels_left_to_the_vehicles_own_radio_are_not_logged_as_sent() {
 #[test]
 fn an_output_that_its_line_did_not_take_is_not_logged_and_not_counted() {
     let mut pair = Pair::flying(&config());
-    pair.vehicle.handed_on(Port::Link, 60, true, pair.now);
     let before = pair.vehicle.sent(pair.now);
     assert_eq!((before.u[..2].to_vec(), before.channels[0]), (vec![10.0, -4.0], 1750.0));
+    pair.takes = false;
     pair.step([5.0, 0.0]);
-    pair.vehicle.handed_on(Port::Link, 60, false, pair.now);
     let lost = pair.vehicle.sent(pair.now);
     assert!(lost.channels.iter().chain(&lost.u[..2]).all(|v| v.is_nan()), "{lost:?}");
     assert_eq!((lost.in_charge, lost.messages), (charge::CONTROLLER, before.messages));
     // What else is lost on that port is no output.
     pair.vehicle.handed_on(Port::Link, 60, false, pair.now);
+    pair.takes = true;
     pair.step([5.0, 0.0]);
-    pair.vehicle.handed_on(Port::Link, 60, true, pair.now);
     let sent = pair.vehicle.sent(pair.now);
     assert_eq!((sent.u[0], sent.messages), (5.0, before.messages + 1));
 }
@@ -105,10 +104,10 @@ fn an_output_that_its_line_did_not_take_is_not_logged_and_not_counted() {
 fn a_line_that_takes_nothing_is_no_line_to_be_in_charge_of() {
     let mut pair = Pair::flying(&config());
     let begun = pair.now;
+    pair.takes = false;
     while pair.vehicle.mode() == Mode::Automatic {
         assert!(pair.now < begun + Duration::from_secs(1));
         pair.step([5.0, 0.0]);
-        pair.vehicle.handed_on(Port::Link, 60, false, pair.now);
     }
     let after = pair.now - begun;
     assert_eq!(pair.vehicle.mode(), Mode::Failed(Reason::OutputDown));

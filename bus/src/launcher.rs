@@ -15,7 +15,7 @@ use crate::OpenError;
 /// Longest time until requested links are up; a node on another host may start much later.
 const LINKS: Duration = Duration::from_secs(1);
 
-/// Time between two queries, and the longest wait for replies.
+/// Longest time between two queries, and the longest wait for replies.
 const AGAIN: Duration = Duration::from_millis(100);
 
 /// Announces this process as the launcher of a bench, until it is dropped.
@@ -45,6 +45,7 @@ impl LauncherToken {
         let all = format!("whirlstand/{bench}/@launcher");
         let own = format!("{all}/{}/{}/{}", session.zid(), host(), std::process::id());
         let token = session.liveliness().declare_token(own.clone()).wait().map_err(refused)?;
+        let changes = session.liveliness().declare_subscriber(format!("{all}/**")).wait().map_err(refused)?;
         let began = Instant::now();
         loop {
             let question = session.liveliness().get(format!("{all}/**")).timeout(AGAIN);
@@ -65,7 +66,9 @@ impl LauncherToken {
                     None => Ok(Self { _token: Some(token) }),
                 };
             }
-            std::thread::sleep(AGAIN);
+            // A token that comes or goes is an event, but a link that is up is none: so the query is repeated
+            // at any rate.
+            let _ = changes.recv_timeout(AGAIN);
         }
     }
 }

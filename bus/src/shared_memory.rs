@@ -42,6 +42,9 @@ pub const SCHEMA_ATTRIBUTE: &str = "whirlstand.schema";
 /// Duration of retries while another process creates or removes the same service.
 const SETTLE: Duration = Duration::from_secs(2);
 
+/// Time between two of these retries.
+const AGAIN: Duration = Duration::from_millis(2);
+
 /// A message in shared memory, with its Whirlstand type name.
 #[derive(Debug, Clone, Copy)]
 #[repr(transparent)]
@@ -167,7 +170,8 @@ impl Member {
                     });
                 }
                 Err(e) if is_in_flux(&e) && Instant::now() < give_up => {
-                    std::thread::sleep(Duration::from_millis(2));
+                    // iceoryx2 has no event for a service that becomes complete, or is gone.
+                    std::thread::sleep(AGAIN);
                 }
                 Err(e) => return Err(refused(e.to_string())),
             }

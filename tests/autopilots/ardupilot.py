@@ -1,10 +1,11 @@
 """A stand-in for ArduPilot with its JSON interface.
 
     ardupilot.py PORT REPORT [--wide] [--resend EVERY] [--restart-after STEPS] [--disarmed] [--telemetry PORT]
-                 [--turned AXIS] [--boots SECONDS]
+                 [--turned AXIS] [--boots SECONDS] [--serial1 PORT]
 
 `--wide` sends 32 channels; `--resend N` acts as if every Nth answer were lost. `--telemetry`: tells its attitude to a ground
-station; `--turned`: with the wrong sign of one axis. `--boots`: so long from its first packet to its second.
+station; `--turned`: with the wrong sign of one axis. `--boots`: so long from its first packet to its second. `--serial1`: it is a
+MAVLink server at that TCP port, which says why it is not armed.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import struct
 import time
 
 import flight
+import serial1
 
 NUMBER = re.compile(r"^-?\d+(\.\d+)?([eE][-+]?\d+)?$")
 
@@ -44,6 +46,7 @@ def main():
     parser.add_argument("--telemetry", type=int)
     parser.add_argument("--turned")
     parser.add_argument("--boots", type=float, default=0.0)
+    parser.add_argument("--serial1", type=int)
     args = parser.parse_args()
     report = flight.Report(args.report)
     flight.end_in_order(report)
@@ -51,6 +54,7 @@ def main():
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     link.settimeout(1.0)
     telemetry = flight.Telemetry(args.telemetry, 3) if args.telemetry else None
+    checks = serial1.Serial1(args.serial1, report) if args.serial1 else None
     magic, channels = (29569, 32) if args.wide else (18458, 16)
     attitude, last, frame, steps, motors = flight.Attitude(), None, 0, 0, [0.0] * 4
 
@@ -89,10 +93,12 @@ def main():
         attitude.step(gyro, accel, dt)
         truth = math.atan2(2 * (q[0] * q[1] + q[2] * q[3]), 1 - 2 * (q[1] ** 2 + q[2] ** 2))
         report["roll_error"] = max(report.notes.get("roll_error", 0.0), abs(truth - attitude.roll))
-        if telemetry:
-            telemetry.attitude(round(1000 * last), attitude.told(args.turned))
         # Half a second to start, then armed.
         armed = last > 0.5 and not args.disarmed
+        if checks:
+            checks.tick(armed)
+        if telemetry:
+            telemetry.attitude(round(1000 * last), attitude.told(args.turned))
         motors = flight.quad_x(*flight.level(attitude, gyro)) if armed else [0.0] * 4
         if frame == 0:
             time.sleep(args.boots)

@@ -1,10 +1,12 @@
-"""A serial line between two descriptors: it carries baud / 10 bytes a second each way, as 8N1 does, and no more than BUFFER bytes
+"""A serial line between two descriptors: it carries baud / 10 bytes a second each way, as 8N1 does (8E2: baud / 12), and no more than BUFFER bytes
 wait to be carried, as in the driver at its end. A pseudo-terminal alone carries everything at once, whatever its baud rate.
 """
 
 import os
+import socket
 import threading
 import time
+import tty
 
 # Of Linux's serial drivers, in bytes.
 BUFFER = 4096
@@ -15,8 +17,8 @@ GRAIN = 0.002
 class Way:
     """One direction."""
 
-    def __init__(self, source, target, baud):
-        self.source, self.target, self.rate = source, target, baud / 10.0
+    def __init__(self, source, target, rate):
+        self.source, self.target, self.rate = source, target, rate
         self.waiting, self.credit = b"", 0.0
         # Bytes that were carried; bytes that found no room, and that nobody read at the other end.
         self.carried = self.lost = 0
@@ -49,12 +51,12 @@ class Way:
 
 
 class Wire:
-    """The line between the descriptors `near` and `far`; both are made non-blocking."""
+    """The line between the descriptors `near` and `far`; both are made non-blocking. `bits` a byte: 10 of 8N1, 12 of 8E2."""
 
-    def __init__(self, near, far, baud):
+    def __init__(self, near, far, baud, bits=10):
         for fd in (near, far):
             os.set_blocking(fd, False)
-        self.outward, self.inward = Way(near, far, baud), Way(far, near, baud)
+        self.outward, self.inward = Way(near, far, baud / bits), Way(far, near, baud / bits)
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self.carry, daemon=True)
         self.thread.start()
@@ -70,3 +72,22 @@ class Wire:
     def end(self):
         self.ended.set()
         self.thread.join()
+
+
+class Line:
+    """A serial line whose other end has a name, that of a pseudo-terminal; this end is the socket `mine`."""
+
+    def __init__(self, name, baud, bits=10):
+        # The other end stays open here, so that the line lives when nobody has it open.
+        self.master, self.held = os.openpty()
+        tty.setraw(self.held)
+        self.mine, self.far = socket.socketpair()
+        self.wire = Wire(self.master, self.far.fileno(), baud, bits)
+        os.symlink(os.ttyname(self.held), name)
+
+    def close(self):
+        self.wire.end()
+        for end in (self.mine, self.far):
+            end.close()
+        os.close(self.master)
+        os.close(self.held)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A transmitter module and an SBUS receiver on pseudo-terminals, from the published layouts alone.
+"""A transmitter module and an SBUS receiver on serial lines with their baud rates, from the published layouts alone.
 
 radio.py MODULE RECEIVER REPORT SCRIPT [VEHICLE]: the module answers with attitude and link statistics and takes channels apart; the
 receiver is the pilot. SCRIPT is JSON: [["automatic", {"arm": true, "automatic": true, "failsafe": false, "telemetry":
@@ -19,9 +19,10 @@ import signal
 import struct
 import sys
 import time
-import tty
 
-from hand import Hand
+sys.path.append(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "autopilots"))
+import wire  # noqa: E402
+from hand import Hand  # noqa: E402
 
 try:
     # What others read of the same bytes, where it is installed.
@@ -36,6 +37,8 @@ PATIENCE = 40.0
 # What all phases together may take, s: less than a test waits for this program, so that the report says which one never came.
 ALL = 100.0
 PERIOD = 0.01
+# Of the lines.
+CRSF_BAUD, SBUS_BAUD = 420000, 100000
 
 
 # Frames in a row of a phase that lasts longer.
@@ -82,13 +85,6 @@ def sbus(us, failsafe):
     ticks = [round((value - 880) * 8 / 5) for value in us]
     packed = sum(value << (11 * i) for i, value in enumerate(ticks)).to_bytes(22, "little")
     return b"\x0f" + packed + bytes([8 if failsafe else 0, 0])
-
-
-def pty(name):
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    os.symlink(os.ttyname(slave), name)
-    return master, slave
 
 
 def write(fd, data):
@@ -188,11 +184,11 @@ class Vehicle:
 class Radio:
     def __init__(self, module_name, receiver_name, vehicle):
         self.vehicle = vehicle
-        # This end of the other's side stays open too, so that the lines live when nobody has them open.
-        (self.module_fd, _a), (self.receiver_fd, _b) = pty(module_name), pty(receiver_name)
-        self.held = _a, _b
-        for fd in (self.module_fd, self.receiver_fd):
-            os.set_blocking(fd, False)
+        # CRSF is 8N1, and SBUS 8E2.
+        self.lines = wire.Line(module_name, CRSF_BAUD), wire.Line(receiver_name, SBUS_BAUD, bits=12)
+        for line in self.lines:
+            line.mine.setblocking(False)
+        self.module_fd, self.receiver_fd = (line.mine.fileno() for line in self.lines)
         self.module, self.due, self.start = Module(), time.monotonic(), time.monotonic()
 
     def turn(self, sticks, angles):
@@ -213,6 +209,14 @@ class Radio:
         us[4] = 2000 if sticks.get("arm") else 1000
         us[5] = 2000 if sticks.get("automatic") else 1000
         write(self.receiver_fd, sbus(us, sticks.get("failsafe", False)))
+
+    def close(self):
+        """What the bench sent beyond what its line carries is a fault."""
+        lost = self.lines[0].wire.outward.lost
+        if lost:
+            self.module.faults.append(f"{lost} bytes more came than the line carries")
+        for line in self.lines:
+            line.close()
 
     def check_switches(self, awaited, channels):
         """5 arms the vehicle, 6 is a switch of the bench alone, and the others are the pilot's, once somebody is in charge."""
@@ -278,6 +282,7 @@ def main():
     else:
         notes["phases"] = [radio.phase(awaited, sticks) for awaited, sticks in json.loads(script)]
         notes["recovered_after_s"] = getattr(radio, "recovered_after", None)
+    radio.close()
     with open(report, "w") as out:
         json.dump({**notes, "channels": sorted(radio.module.all), "frames": radio.module.frames, "judged": radio.module.judge.frames, "faults": radio.module.faults[:20]}, out)
 

@@ -69,9 +69,14 @@ impl Flying {
     /// Waits for the end of a bench that fails.
     #[track_caller]
     pub fn fail(self) -> Finished {
-        let end = self.bench.finish();
-        assert_eq!(end.code(), 1, "{}\n{}", end.stdout, end.stderr);
-        end
+        failed(self.bench)
+    }
+
+    /// As [`Flying::fail`], with the report of the stand-in.
+    #[track_caller]
+    pub fn fail_with_report(self) -> (Finished, Value) {
+        let end = failed(self.bench);
+        (end, json(&self.report))
     }
 
     /// Waits for the end.
@@ -81,6 +86,13 @@ impl Flying {
         let summary = json(self.dir.path().join("out/summary.json"));
         Flight { summary, report: json(&self.report), stderr }
     }
+}
+
+#[track_caller]
+fn failed(bench: Running) -> Finished {
+    let end = bench.finish();
+    assert_eq!(end.code(), 1, "{}\n{}", end.stdout, end.stderr);
+    end
 }
 
 pub fn free_tcp() -> u16 {

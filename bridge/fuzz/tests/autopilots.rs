@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use whirlstand_bridge::attitude_receiver::{AttitudeReceiver, TelemetryProtocol};
-use whirlstand_bridge::autopilot::ardupilot::{Ardupilot, ArdupilotOptions};
+use whirlstand_bridge::autopilot::ardupilot::{Ardupilot, ArdupilotOptions, TELEMETRY};
 use whirlstand_bridge::autopilot::betaflight::{Betaflight, BetaflightOptions, MOTORS, Packets, RAW};
 use whirlstand_bridge::autopilot::px4::{Px4, Px4Options, STATION};
 use whirlstand_bridge::autopilot::{Autopilot, Event, Rc};
@@ -100,6 +100,10 @@ fn ardupilot() {
             bytes
         });
         let counts = ardupilot.counts();
+        // What it says beside the loop is none of its outputs.
+        let mut beside = Ardupilot::new(ArdupilotOptions::default(), true);
+        drive(&mut beside, &[TELEMETRY], input, |piece, _| mavlink_frame(piece));
+        assert_eq!(beside.counts().outputs, 0);
         assert_eq!(counts.malformed + counts.outputs + counts.repeated + counts.stale == 0, input.is_empty());
     });
 }

@@ -7,14 +7,16 @@
 //! |---|---|---|---|
 //! | carried by | MAVLink over TCP, UDP or serial | datagrams | datagrams |
 //! | who waits | the autopilot, in lockstep | the autopilot | nobody |
-//! | says whether it is armed | yes | no | no |
+//! | says whether it is armed | yes | beside the loop | beside the loop |
 
 pub mod ardupilot;
 pub mod betaflight;
 mod config;
 mod flight;
+mod heard;
 pub mod px4;
 mod rc;
+mod simulator;
 
 use std::time::Duration;
 

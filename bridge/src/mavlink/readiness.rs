@@ -1,6 +1,6 @@
-//! Collects reasons why an autopilot does not arm from its MAVLink messages: its texts, the summary of its
-//! arming checks (an EVENT), the health bits of SYS_STATUS, the state in EXTENDED_SYS_STATE, and its answer
-//! to a command to arm.
+//! Collects reasons why an autopilot does not arm from its MAVLink messages: its texts, of which ArduPilot's name
+//! the checks that fail, PX4's summary of its arming checks (an EVENT), the health bits of SYS_STATUS, the state in
+//! EXTENDED_SYS_STATE, and its answer to a command to arm.
 
 use super::MavMessage;
 use super::arming_checks::ArmingChecks;
@@ -9,7 +9,8 @@ use super::dialect::{
     STATUSTEXT_DATA, SYS_STATUS_DATA,
 };
 use super::health::Health;
-use super::status_text::status_text;
+use super::prearm::PreArm;
+use super::status_text::StatusTexts;
 use crate::note::Notes;
 
 /// Reported readiness of an autopilot. Each change is reported once.
@@ -18,7 +19,9 @@ pub struct Readiness {
     name: &'static str,
     /// True when its heartbeats report that it is armed.
     armed: bool,
+    texts: StatusTexts,
     words: Option<String>,
+    prearm: PreArm,
     checks: Option<ArmingChecks>,
     health: Option<Health>,
     in_air: bool,
@@ -33,7 +36,9 @@ impl Readiness {
         Self {
             name,
             armed: false,
+            texts: StatusTexts::default(),
             words: None,
+            prearm: PreArm::default(),
             checks: None,
             health: None,
             in_air: false,
@@ -57,8 +62,15 @@ impl Readiness {
         self.armed = armed;
         if armed {
             self.refusal = None;
+            self.prearm.clear();
             self.put_together();
         }
+    }
+
+    /// Its arming checks are requested anew: what they do not report again holds no longer.
+    pub fn asked(&mut self) {
+        self.prearm.asked();
+        self.put_together();
     }
 
     /// Processes a message of the autopilot.
@@ -75,16 +87,19 @@ impl Readiness {
     }
 
     fn words(&mut self, m: &STATUSTEXT_DATA, notes: &mut Notes) {
-        let Some((warn, text)) = status_text(m).filter(|(_, text)| self.words.as_ref() != Some(text)) else {
-            return;
-        };
-        let told = format!("{} says: {text}", self.name);
-        if warn {
-            notes.warn(told);
-        } else {
-            notes.info(told);
+        let Some((warn, text)) = self.texts.take(m) else { return };
+        let prearm = self.prearm.take(&text);
+        if prearm.unwrap_or_else(|| self.words.as_ref() != Some(&text)) {
+            let told = format!("{} says: {text}", self.name);
+            if warn {
+                notes.warn(told);
+            } else {
+                notes.info(told);
+            }
         }
-        self.words = Some(text);
+        if prearm.is_none() {
+            self.words = Some(text);
+        }
     }
 
     fn event(&mut self, event: &EVENT_DATA, notes: &mut Notes) {
@@ -159,7 +174,10 @@ impl Readiness {
         };
         let in_air = self.in_air.then(|| "it reports that it is in the air".to_string());
         let refusal = self.refusal.map(|why| format!("it refuses the command to arm: {why}"));
-        let parts: Vec<_> = [checks, in_air, refusal, self.words.clone()].into_iter().flatten().collect();
+        let mut parts: Vec<_> = [checks, in_air, refusal].into_iter().flatten().collect();
+        parts.extend(self.prearm.texts().map(String::from));
+        // Its last words may be about anything: those on its checks count more.
+        parts.extend(self.words.clone().filter(|_| self.prearm.texts().next().is_none()));
         self.said = (!parts.is_empty()).then(|| parts.join("; "));
     }
 }
@@ -238,5 +256,39 @@ mod tests {
         assert_eq!(readiness.said(), Some("it reports that it is in the air"));
         told(&mut readiness, &landed(MavLandedState::MAV_LANDED_STATE_ON_GROUND));
         assert_eq!(readiness.said(), None);
+    }
+
+    fn says(readiness: &mut Readiness, text: &str) -> Vec<String> {
+        let severity = super::super::dialect::MavSeverity::MAV_SEVERITY_CRITICAL;
+        let text = STATUSTEXT_DATA { severity, text: text.into(), ..Default::default() };
+        told(readiness, &MavMessage::STATUSTEXT(text))
+    }
+
+    #[test]
+    fn every_check_that_ardupilot_names_is_a_reason_until_it_passes() {
+        let mut readiness = Readiness::new("ArduPilot");
+        let (rc, compass) = ("PreArm: RC not calibrated", "PreArm: Compass not calibrated");
+        assert_eq!(says(&mut readiness, rc), ["ArduPilot says: PreArm: RC not calibrated"]);
+        says(&mut readiness, compass);
+        says(&mut readiness, "GPS 1: detected u-blox");
+        let both = format!("{rc}; {compass}");
+        assert_eq!(readiness.said(), Some(&*both), "and nothing of a receiver");
+        // The checks are reported again at each request, but told once.
+        for _ in 0..3 {
+            readiness.asked();
+            assert!(says(&mut readiness, rc).is_empty());
+            assert!(says(&mut readiness, compass).is_empty());
+            assert_eq!(readiness.said(), Some(&*both));
+        }
+        // The compass passes.
+        for _ in 0..2 {
+            readiness.asked();
+            says(&mut readiness, rc);
+        }
+        assert_eq!(readiness.said(), Some(rc));
+        says(&mut readiness, "Arm: Mode not armable");
+        assert_eq!(readiness.said(), Some(&*format!("Arm: Mode not armable; {rc}")));
+        readiness.set_armed(true);
+        assert_eq!(readiness.said(), Some("GPS 1: detected u-blox"));
     }
 }

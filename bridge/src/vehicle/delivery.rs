@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 /// Fate of the outputs.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Delivery {
     /// True while an output waits in the buffer of its port.
     waits: bool,
@@ -14,6 +14,8 @@ pub(super) struct Delivery {
     lost_since: Option<Duration>,
     /// True while the dedicated line of the outputs is closed.
     is_closed: bool,
+    /// Inputs of the last output that left its port; empty while there is none.
+    acted: Vec<f64>,
 }
 
 impl Delivery {
@@ -25,6 +27,7 @@ impl Delivery {
     /// The outputs were handed over and none is sent, so that the state of the line is unknown.
     pub(super) fn released(&mut self) {
         (self.lost, self.lost_since) = (false, None);
+        self.acted.clear();
     }
 
     /// True when the last output never left.
@@ -42,14 +45,21 @@ impl Delivery {
         std::mem::take(&mut self.waits)
     }
 
-    /// The port let the output leave, or dropped it.
-    pub(super) fn handed_on(&mut self, has_left: bool, now: Duration) {
+    /// The port let the output of these inputs leave, or dropped it.
+    pub(super) fn handed_on(&mut self, inputs: &[f64], has_left: bool, now: Duration) {
         self.lost = !has_left;
         if has_left {
             self.lost_since = None;
+            self.acted.clear();
+            self.acted.extend_from_slice(inputs);
         } else {
             self.lost_since.get_or_insert(now);
         }
+    }
+
+    /// The inputs that act: a receiver holds the last output that reached it. Empty while none has.
+    pub(super) fn acted(&self) -> &[f64] {
+        &self.acted
     }
 
     /// The dedicated line of the outputs was closed, or is open again.

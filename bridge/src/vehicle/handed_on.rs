@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::{Port, Source, Vehicle};
+use crate::arming::Mode;
 use crate::config::Output;
 
 impl Vehicle {
@@ -21,8 +22,16 @@ impl Vehicle {
             self.ground.waiting.sent(bytes, is_output, now);
         }
         if is_output {
-            self.delivery.handed_on(has_left, now);
+            self.delivery.handed_on(&self.acting, has_left, now);
             self.outputs = self.outputs.saturating_sub(u64::from(!has_left));
+            self.watch_signs(now);
+        }
+    }
+
+    /// Compares the inputs that act with the vehicle's rotation.
+    fn watch_signs(&mut self, now: Duration) {
+        if let (Mode::Automatic, Some(attitude)) = (self.arming.mode(), self.telemetry.attitude()) {
+            self.signs.observe(self.delivery.acted(), attitude, now);
         }
     }
 

@@ -126,24 +126,15 @@ impl Vehicle {
         }
     }
 
-    /// Compares the acting inputs with the vehicle's rotation.
-    fn watch_signs(&mut self, now: Duration) {
-        self.mapping.acting(&mut self.acting);
-        if let (Mode::Automatic, Some(attitude)) = (self.arming.mode(), self.telemetry.attitude()) {
-            self.signs.observe(&self.acting, attitude, now);
-        }
-    }
-
     pub(super) fn send(&mut self, now: Duration) {
         self.sent_at = Some(now);
         let released = self.is_handed_over();
         if released {
             self.mapping.reset();
-            self.mapping.acting(&mut self.acting);
         } else {
             self.mapping.apply(self.arming.mode(), &self.inputs, self.pilot.as_ref(), now);
-            self.watch_signs(now);
         }
+        self.mapping.acting(&mut self.acting);
         let first_release = released && !std::mem::replace(&mut self.released, released);
         let overridden = self.overridden();
         let (us, in_use) = (self.mapping.us(), self.mapping.in_use());

@@ -60,7 +60,9 @@ pub struct Pair {
     pub state: dialect::MavState,
     /// The autopilot's clock is ahead by this.
     pub boot: Duration,
-    /// What the vehicle sent, in order.
+    /// False while the line takes nothing.
+    pub takes: bool,
+    /// What the vehicle sent and the line took, in order.
     pub heard: Vec<MavMessage>,
 }
 
@@ -79,6 +81,7 @@ impl Pair {
             armed: false,
             state: dialect::MavState::MAV_STATE_ACTIVE,
             boot: Duration::from_secs(60),
+            takes: true,
             heard: Vec::new(),
         }
     }
@@ -135,9 +138,15 @@ impl Pair {
         }
     }
 
-    /// Hears what the vehicle sent.
+    /// Hears what the vehicle sent, as far as the line takes it.
     pub fn listen(&mut self) {
         let mut bytes = std::mem::take(self.vehicle.output(Port::Link));
+        if !bytes.is_empty() {
+            self.vehicle.handed_on(Port::Link, bytes.len(), self.takes, self.now);
+        }
+        if !self.takes {
+            return;
+        }
         while let Some(frame) = self.vehicle.next_forwarded(self.now) {
             bytes.extend(frame);
         }

@@ -110,6 +110,7 @@ impl LockFile {
                     if began.elapsed() > if gone { ENDING } else { TIDYING } {
                         return Err(Refused::Held(held_by));
                     }
+                    // flock(2) either waits without a limit or not at all.
                     std::thread::sleep(AGAIN);
                 }
                 Err(TryLockError::Error(e)) => return Err(Refused::System(e)),
@@ -223,13 +224,12 @@ mod tests {
         dead.wait().unwrap();
         let signed = Holder { pid: dead.id() as i32, ..Holder::here() };
         let lock = LockFile::take(&path, &signed).unwrap();
-        let waiting = std::thread::spawn({
-            let path = path.clone();
-            move || LockFile::take(&path, &Holder::here()).map(drop)
-        });
+        let (ended, end) = std::sync::mpsc::channel();
+        std::thread::spawn(move || ended.send(LockFile::take(&path, &Holder::here()).map(drop)));
         // This is longer than the wait for a living holder.
-        std::thread::sleep(2 * TIDYING);
+        let early = end.recv_timeout(2 * TIDYING);
+        assert!(early.is_err(), "not held, or not awaited: {early:?}");
         drop(lock);
-        waiting.join().unwrap().unwrap();
+        end.recv().unwrap().unwrap();
     }
 }

@@ -53,9 +53,14 @@ impl Planner<'_> {
             let links =
                 [("px4", "link", &autopilot.px4.link), ("ardupilot", "link", &autopilot.ardupilot.link)];
             let forward = autopilot.px4.forward.iter().map(|link| ("px4", "forward", link));
-            let telemetry = autopilot.px4.telemetry.iter().filter(|link| !link.is_empty());
-            let telemetry = telemetry.map(|link| ("px4", "telemetry", link));
-            for (table, key, link) in links.into_iter().chain(forward).chain(telemetry) {
+            let AutopilotConfig { px4, ardupilot, betaflight, .. } = &autopilot;
+            let beside = px4.telemetry.iter().map(|link| ("px4", "telemetry", link));
+            let beside =
+                beside.chain(ardupilot.telemetry.iter().map(|link| ("ardupilot", "telemetry", link)));
+            let beside = beside.chain([("betaflight", "msp", &betaflight.msp)]);
+            // An empty one is none.
+            let beside = beside.filter(|(.., link)| !link.is_empty());
+            for (table, key, link) in links.into_iter().chain(forward).chain(beside) {
                 link.parse::<Address>()
                     .map_err(|e| self.bridge_error(&ConfigError::new(&[table, key], e.to_string())))?;
             }

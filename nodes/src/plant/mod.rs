@@ -11,6 +11,7 @@ mod outside;
 mod pace;
 mod phase;
 pub(crate) mod simulation;
+mod start;
 mod waiting;
 
 use std::time::{Duration, Instant};
@@ -38,9 +39,6 @@ use waiting::{Waiting, whom};
 
 /// Queue length for commands; one is awaited at a time.
 const COMMAND_DEPTH: usize = 16;
-
-/// Repetition period of an unanswered step 0.
-const REPEAT: Duration = Duration::from_millis(200);
 
 /// Time by which the wait for the first command of an autopilot is longer than its bridge's, which ends first,
 /// because it knows the reason.
@@ -215,55 +213,6 @@ impl Plant {
     pub fn health(&mut self) -> &whirlstand_msgs::Health {
         self.count();
         &self.peers.report
-    }
-
-    fn join(&mut self, clock: &mut Clock, until: Instant) -> Result<Turn, NodeError> {
-        let now = clock.now();
-        self.peers.turn(now)?;
-        if self.peers.not_running().next().is_none() {
-            let now = Instant::now();
-            self.peers.set_state(NodeState::Running);
-            self.phase = Phase::Answering { until: now + self.answer_timeout, repeat: now + REPEAT };
-            self.advance(clock, false)?;
-            return Ok(Turn::Worked);
-        }
-        if now < until {
-            self.tell_wait(now);
-            return Ok(Turn::Idle);
-        }
-        let missing = self.peers.not_running().collect();
-        Err(NodeError::PeersAbsent { missing, waited_s: self.start_timeout.as_secs_f64() })
-    }
-
-    fn await_first_answer(
-        &mut self,
-        clock: &mut Clock,
-        until: Instant,
-        repeat: Instant,
-    ) -> Result<Turn, NodeError> {
-        self.take_commands(clock)?;
-        if self.gate.is_ready() {
-            self.phase = Phase::Looping;
-            self.origin = MonotonicTime::now();
-            self.began = Some(Instant::now());
-            self.latencies.reset();
-            if self.step == self.steps {
-                return self.begin_ending();
-            }
-            return Ok(Turn::Worked);
-        }
-        let now = clock.now();
-        if now >= until {
-            let rejected = self.gate.rejected();
-            return Err(NodeError::NoAnswer { waited_s: self.answer_timeout.as_secs_f64(), rejected });
-        }
-        if now >= repeat {
-            self.tell_wait(now);
-            self.simulation.repeat_measurement()?;
-            self.phase = Phase::Answering { until, repeat: now + REPEAT };
-        }
-        self.housekeeping(now)?;
-        Ok(Turn::Idle)
     }
 
     fn turn_in_loop(&mut self, clock: &mut Clock) -> Result<Turn, NodeError> {

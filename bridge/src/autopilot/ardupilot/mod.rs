@@ -5,24 +5,26 @@
 //! with the answers, and its clock follows their time stamps. A repeated packet number means that the answer
 //! was lost, and is answered with the same line again. Numbers that restart mean that ArduPilot restarted.
 //!
+//! A MAVLink link beside it ([`TELEMETRY`]) says why ArduPilot does not arm.
+//!
 //! Source: <https://ardupilot.org/dev/docs/sitl-with-JSON.html>.
 
 mod json;
+mod options;
 mod packet;
+mod telemetry;
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::mixer::MAX_OUTPUTS;
-use crate::peer::Pin;
+use crate::note::{Note, Notes};
 use crate::sensors::Sensors;
 
+pub use options::{ArdupilotOptions, PORT};
 pub use packet::{PacketError, ServoPacket};
-
-/// The UDP port that ArduPilot sends to.
-pub const PORT: u16 = 9002;
+pub use telemetry::TELEMETRY;
+use telemetry::Telemetry;
 
 /// Output of each motor of a quad in the order of the mixer's frames, which is ArduPilot's own order.
 pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
@@ -31,29 +33,8 @@ pub const NATIVE_ORDER: [usize; 4] = [1, 2, 3, 4];
 /// ArduPilot repeats an unanswered packet once a second and needs longer than this to start.
 const SILENCE: Duration = Duration::from_millis(500);
 
-/// Options of the link to ArduPilot, with the range of its pulses.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ArdupilotOptions {
-    /// Address on which ArduPilot's packets arrive, `udpin://ADDRESS:PORT`; they are answered to their
-    /// sender.
-    pub link: String,
-    /// The only accepted sender; absent: the first one with a valid packet.
-    pub peer: Option<Pin>,
-    /// Pulse of a motor at rest, or of a servo at -1, us.
-    pub pwm_min: u16,
-    /// Pulse of a motor at full thrust, or of a servo at 1, us.
-    pub pwm_max: u16,
-}
-
-impl Default for ArdupilotOptions {
-    fn default() -> Self {
-        Self { link: format!("udpin://127.0.0.1:{PORT}"), peer: None, pwm_min: 1000, pwm_max: 2000 }
-    }
-}
-
 /// State of the conversation with ArduPilot.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Ardupilot {
     options: ArdupilotOptions,
     motors: bool,
@@ -68,6 +49,9 @@ pub struct Ardupilot {
     began_ns: Option<u64>,
     events: [Option<Event>; 2],
     counts: Counts,
+    /// Its MAVLink link, if there is one.
+    telemetry: Option<Telemetry>,
+    notes: Notes,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -80,6 +64,7 @@ impl Ardupilot {
     /// A new conversation; `motors` is true when outputs are motors and not servos.
     pub fn new(options: ArdupilotOptions, motors: bool) -> Self {
         Self {
+            telemetry: options.telemetry_place().map(|_| Telemetry::new()),
             options,
             motors,
             last: None,
@@ -89,6 +74,7 @@ impl Ardupilot {
             began_ns: None,
             events: [None; 2],
             counts: Counts::default(),
+            notes: Notes::default(),
         }
     }
 
@@ -123,11 +109,17 @@ impl Ardupilot {
 }
 
 impl Autopilot for Ardupilot {
-    fn recognises(&mut self, _port: usize, datagram: &[u8], _now: Duration) -> bool {
-        ServoPacket::parse(datagram).is_ok()
+    fn recognises(&mut self, port: usize, datagram: &[u8], now: Duration) -> bool {
+        match &mut self.telemetry {
+            Some(telemetry) if port == TELEMETRY => telemetry.recognises(datagram, now),
+            _ => ServoPacket::parse(datagram).is_ok(),
+        }
     }
 
-    fn receive(&mut self, _port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) -> bool {
+    fn receive(&mut self, port: usize, bytes: &[u8], now: Duration, send: &mut Send<'_>) -> bool {
+        if let Some(telemetry) = self.telemetry.as_mut().filter(|_| port == TELEMETRY) {
+            return telemetry.receive(bytes, now, &mut self.notes);
+        }
         let Ok(packet) = ServoPacket::parse(bytes) else {
             self.counts.malformed += 1;
             return false;
@@ -166,11 +158,24 @@ impl Autopilot for Ardupilot {
         true
     }
 
+    fn end_of_datagram(&mut self, port: usize) {
+        if let Some(telemetry) = self.telemetry.as_mut().filter(|_| port == TELEMETRY) {
+            telemetry.end();
+        }
+    }
+
     fn next(&mut self) -> Option<Event> {
         self.events.iter_mut().find_map(Option::take)
     }
 
-    fn sense(&mut self, sensors: &Sensors, _rc: &Rc, _now: Duration, send: &mut Send<'_>) {
+    fn sense(&mut self, sensors: &Sensors, _rc: &Rc, now: Duration, send: &mut Send<'_>) {
+        if let Some(telemetry) = &mut self.telemetry {
+            let mut out = Vec::new();
+            telemetry.say(now, &mut out);
+            if !out.is_empty() {
+                send(TELEMETRY, &out);
+            }
+        }
         // Unrequested answers would advance ArduPilot beyond its outputs.
         if !self.waiting {
             self.counts.skipped += 1;
@@ -184,8 +189,25 @@ impl Autopilot for Ardupilot {
         send(0, self.answer.as_bytes());
     }
 
+    fn said(&self) -> Option<&str> {
+        self.telemetry.as_ref().and_then(|telemetry| telemetry.heard.said())
+    }
+
     fn advice(&self) -> String {
-        "its ground station says why (PreArm), and arms it".into()
+        let is_heard = self.telemetry.as_ref().is_some_and(|telemetry| telemetry.heard.vehicle().is_some());
+        match self.options.telemetry_place() {
+            Some(_) if is_heard => "it gives no reason against it: arm it from its ground station".into(),
+            Some(place) => format!(
+                "nothing is received from it at {place} (bridge.ardupilot.telemetry); its ground station says why (PreArm), and arms it"
+            ),
+            None => "its ground station says why (PreArm), and arms it; bridge.ardupilot.telemetry, an address of its \
+                     MAVLink, would say it here"
+                .into(),
+        }
+    }
+
+    fn note(&mut self) -> Option<Note> {
+        self.notes.take()
     }
 
     fn is_answered(&self) -> bool {
@@ -196,8 +218,13 @@ impl Autopilot for Ardupilot {
         true
     }
 
-    fn disconnected(&mut self, _port: usize) {
-        *self = Self { counts: self.counts, ..Self::new(self.options.clone(), self.motors) };
+    fn disconnected(&mut self, port: usize) {
+        if let Some(telemetry) = self.telemetry.as_mut().filter(|_| port == TELEMETRY) {
+            return telemetry.end();
+        }
+        let (telemetry, notes) = (self.telemetry.take(), std::mem::take(&mut self.notes));
+        let anew = Self::new(self.options.clone(), self.motors);
+        *self = Self { counts: self.counts, telemetry, notes, ..anew };
     }
 
     fn counts(&self) -> Counts {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::mavlink::{Deframer, Encoder, MavMessage, dialect};
 use crate::sensors::{Errors, Motion, SensorModel, SensorOptions};
 use proptest::prelude::*;
 
@@ -23,13 +24,15 @@ struct Bench {
     model: SensorModel,
     now: Duration,
     sent: Vec<String>,
+    /// What was sent to its MAVLink link.
+    said: Vec<u8>,
 }
 
 impl Bench {
     fn new() -> Self {
         let model = SensorModel::new(SensorOptions::default(), 2_500_000, 1);
         let autopilot = Ardupilot::new(ArdupilotOptions::default(), true);
-        Self { autopilot, model, now: Duration::ZERO, sent: Vec::new() }
+        Self { autopilot, model, now: Duration::ZERO, sent: Vec::new(), said: Vec::new() }
     }
 
     fn receive(&mut self, bytes: &[u8]) -> Vec<Event> {
@@ -43,8 +46,11 @@ impl Bench {
     fn sense(&mut self) {
         let sensors =
             self.model.step(&Motion { angles: [0.1, -0.2, 0.0], ..Motion::default() }, &Errors::default());
-        let sent = &mut self.sent;
-        let mut send = |_: usize, b: &[u8]| sent.push(String::from_utf8(b.to_vec()).unwrap());
+        let (sent, said) = (&mut self.sent, &mut self.said);
+        let mut send = |port: usize, b: &[u8]| match port {
+            TELEMETRY => said.extend_from_slice(b),
+            _ => sent.push(String::from_utf8(b.to_vec()).unwrap()),
+        };
         self.autopilot.sense(&sensors, &Rc::default(), self.now, &mut send);
     }
 }
@@ -221,4 +227,89 @@ proptest! {
         bench.receive(&bytes);
         prop_assert_eq!(bench.autopilot.counts().outputs + bench.autopilot.counts().malformed, 1);
     }
+}
+
+/// Messages of ArduPilot on its MAVLink link.
+fn says(bench: &mut Bench, message: &MavMessage) {
+    let mut bytes = Vec::new();
+    Encoder::new(1, 1).encode(message, bench.now, &mut bytes);
+    assert!(bench.autopilot.receive(TELEMETRY, &bytes, bench.now, &mut |_, _| panic!("nothing is answered")));
+}
+
+/// The arming checks that were requested since the last call, and other messages.
+fn requests(bench: &mut Bench) -> (usize, usize) {
+    let mut deframer = Deframer::new();
+    deframer.push(&std::mem::take(&mut bench.said));
+    let (mut checks, mut others) = (0, 0);
+    while let Some(event) = deframer.next(bench.now) {
+        match event {
+            crate::mavlink::Event::Message(_, MavMessage::COMMAND_LONG(c)) => {
+                assert_eq!((c.command, c.target_system), (dialect::MavCmd::MAV_CMD_RUN_PREARM_CHECKS, 1));
+                checks += 1;
+            }
+            crate::mavlink::Event::Message(..) => others += 1,
+            crate::mavlink::Event::Dropped(drop) => panic!("{drop:?}"),
+        }
+    }
+    (checks, others)
+}
+
+fn heartbeat(armed: bool, custom_mode: u32) -> MavMessage {
+    let armed =
+        if armed { dialect::MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { dialect::MavModeFlag::empty() };
+    MavMessage::HEARTBEAT(dialect::HEARTBEAT_DATA {
+        custom_mode,
+        mavtype: dialect::MavType::MAV_TYPE_QUADROTOR,
+        autopilot: dialect::MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+        base_mode: armed,
+        ..Default::default()
+    })
+}
+
+#[test]
+fn its_mavlink_says_its_state_and_why_it_does_not_arm() {
+    let mut bench = Bench::new();
+    let step = |bench: &mut Bench, seconds: u64| {
+        for _ in 0..10 * seconds {
+            bench.now += Duration::from_millis(100);
+            bench.sense();
+        }
+        requests(bench)
+    };
+    let notes = |bench: &mut Bench| -> Vec<String> {
+        std::iter::from_fn(|| bench.autopilot.note()).map(|note| note.text).collect()
+    };
+    assert_eq!(step(&mut bench, 3), (0, 3), "a heartbeat a second, so that it speaks at all");
+    assert!(bench.autopilot.advice().contains("nothing is received from it at tcpout://127.0.0.1:5762"));
+    says(&mut bench, &heartbeat(false, 0));
+    assert_eq!(
+        notes(&mut bench),
+        ["ArduPilot is system 1, component 1, and says that it is not armed, in mode Stabilize"]
+    );
+    assert_eq!(step(&mut bench, 8).0, 2, "its checks are requested every 4 s");
+    assert!(bench.autopilot.advice().contains("arm it from its ground station"));
+    let text = |text: &str| {
+        MavMessage::STATUSTEXT(dialect::STATUSTEXT_DATA {
+            severity: dialect::MavSeverity::MAV_SEVERITY_CRITICAL,
+            text: text.into(),
+            ..Default::default()
+        })
+    };
+    says(&mut bench, &text("PreArm: RC not calibrated"));
+    assert_eq!(bench.autopilot.said(), Some("PreArm: RC not calibrated"));
+    // Its simulation interface began anew; the link that says why did not.
+    bench.autopilot.disconnected(0);
+    assert_eq!(bench.autopilot.said(), Some("PreArm: RC not calibrated"));
+    says(&mut bench, &heartbeat(true, 4));
+    assert_eq!(bench.autopilot.said(), None);
+    assert_eq!(step(&mut bench, 8).0, 0, "armed");
+    assert_eq!(
+        notes(&mut bench),
+        [
+            "ArduPilot says: PreArm: RC not calibrated",
+            "ArduPilot says that it is in mode Guided",
+            "ArduPilot says that it is armed"
+        ]
+    );
+    assert_eq!(bench.autopilot.counts().outputs, 0, "and nothing of it controls");
 }

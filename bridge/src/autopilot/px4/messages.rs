@@ -1,17 +1,11 @@
 //! Sensors as MAVLink messages to PX4.
 
 use crate::autopilot::RC_CHANNELS;
+use crate::mavlink::MavMessage;
 use crate::mavlink::dialect::{
-    COMMAND_LONG_DATA, HEARTBEAT_DATA, HIL_GPS_DATA, HIL_SENSOR_DATA, HIL_STATE_QUATERNION_DATA,
-    HilSensorUpdatedFlags, MavAutopilot, MavCmd, MavModeFlag, MavState, MavType, RC_CHANNELS_DATA,
+    HIL_GPS_DATA, HIL_SENSOR_DATA, HIL_STATE_QUATERNION_DATA, HilSensorUpdatedFlags, RC_CHANNELS_DATA,
 };
-use crate::mavlink::{Header, MavMessage};
 use crate::sensors::{STANDARD_GRAVITY, Sensors};
-
-/// System id of a simulator.
-pub(super) const SYSTEM: u8 = 142;
-/// Component id of a simulator.
-pub(super) const COMPONENT: u8 = 142;
 
 /// PX4 treats a time of zero as missing, so its clock starts here, us.
 const CLOCK_START_US: u64 = 1_000_000;
@@ -29,27 +23,6 @@ const DIFFERENTIAL_PRESSURE: u32 = 0x400;
 /// Sensor time in PX4's clock, us.
 pub(super) fn microseconds(time_ns: u64) -> u64 {
     CLOCK_START_US + time_ns / 1000
-}
-
-pub(super) fn heartbeat() -> MavMessage {
-    MavMessage::HEARTBEAT(HEARTBEAT_DATA {
-        custom_mode: 0,
-        mavtype: MavType::MAV_TYPE_GENERIC,
-        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
-        base_mode: MavModeFlag::empty(),
-        system_status: MavState::MAV_STATE_ACTIVE,
-        mavlink_version: 3,
-    })
-}
-
-/// Requests a report of the vehicle's arming checks.
-pub(super) fn ask_for_arming_checks(vehicle: Header) -> MavMessage {
-    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        target_system: vehicle.system,
-        target_component: vehicle.component,
-        command: MavCmd::MAV_CMD_RUN_PREARM_CHECKS,
-        ..Default::default()
-    })
 }
 
 /// HIL_SENSOR: accelerometer m/s^2 and gyroscope rad/s, FRD; magnetometer in gauss, FRD; pressures in hPa;

@@ -10,22 +10,21 @@
 //! <https://mavlink.io/en/messages/common.html>.
 
 mod beside;
-mod heard;
 mod messages;
 mod options;
 mod station;
 
 use std::time::Duration;
 
+use super::heard::Heard;
+use super::simulator::{self, COMPONENT, SYSTEM, is_vehicles_beat};
 use super::{Autopilot, Counts, Event, Outputs, Rc, Send};
 use crate::forward::Forward;
-use crate::mavlink::dialect::{HilActuatorControlsFlags, MavAutopilot, MavCmd, MavModeFlag};
+use crate::mavlink::dialect::{HilActuatorControlsFlags, MavCmd, MavModeFlag};
 use crate::mavlink::{Deframer, DropReason, Encoder, Header, MavMessage};
 use crate::mixer::MAX_OUTPUTS;
 use crate::note::{Note, Notes};
 use crate::sensors::Sensors;
-use heard::Heard;
-use messages::{COMPONENT, SYSTEM};
 use options::{CHANNEL_PERIOD_NS, STATE_PERIOD_NS};
 pub use options::{PORT, Px4Options};
 use station::{Owned, Station, is_for_station};
@@ -139,7 +138,7 @@ impl Px4 {
             heartbeat: Due::default(),
             ask_checks: Due::default(),
             event: None,
-            heard: Heard::default(),
+            heard: Heard::new("PX4"),
             station,
             notes: Notes::default(),
             counts: Counts::default(),
@@ -286,7 +285,7 @@ impl Autopilot for Px4 {
             self.encoder.encode(message, now, &mut out);
         };
         if self.heartbeat.take(ns, HEARTBEAT_PERIOD_NS) {
-            put(&messages::heartbeat());
+            put(&simulator::heartbeat());
         }
         if sensors.gps_fresh {
             put(&messages::gps(sensors));
@@ -297,7 +296,7 @@ impl Autopilot for Px4 {
         let asks = self.heard.vehicle().filter(|_| !self.heard.is_armed());
         let asks = asks.filter(|_| self.ask_checks.take(ns, CHECKS_PERIOD_NS)).zip(self.heard.answers_at());
         if let Some((vehicle, 0)) = asks {
-            put(&messages::ask_for_arming_checks(vehicle));
+            put(&simulator::ask_for_arming_checks(vehicle));
         }
         let state_period_ns = self.state_period_ns.max(self.least_state_period_ns);
         if state_period_ns != u64::MAX && self.state.take(ns, state_period_ns) {
@@ -314,7 +313,7 @@ impl Autopilot for Px4 {
         self.station.waiting.sent(out.len(), true, now);
         if let Some((vehicle, port @ TELEMETRY)) = asks {
             out.clear();
-            self.encoder.encode(&messages::ask_for_arming_checks(vehicle), now, &mut out);
+            self.encoder.encode(&simulator::ask_for_arming_checks(vehicle), now, &mut out);
             send(port, &out);
         }
         self.out = out;
@@ -368,11 +367,6 @@ impl Autopilot for Px4 {
         let (refused, unforwarded) = (self.station.refused(), self.station.waiting.dropped());
         Counts { refused, unforwarded, ..self.past_counts() }
     }
-}
-
-/// True when a message is the heartbeat of a vehicle, and not of a station.
-fn is_vehicles_beat(message: &MavMessage) -> bool {
-    matches!(message, MavMessage::HEARTBEAT(beat) if beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID)
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use mavlink::Message;
 
-use super::messages::{COMPONENT, SYSTEM};
+use super::super::simulator::{COMPONENT, SYSTEM};
 use crate::forward::Forward;
 use crate::mavlink::dialect::MavCmd;
 use crate::mavlink::{Deframer, Event, Header, MavMessage};

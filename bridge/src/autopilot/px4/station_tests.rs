@@ -2,6 +2,7 @@
 
 use super::tests::{Bench, controls};
 use super::*;
+use crate::mavlink::dialect::MavAutopilot;
 use crate::mavlink::dialect::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, HIL_SENSOR_DATA, MavParamType, PARAM_SET_DATA,
 };
@@ -49,7 +50,7 @@ fn a_station_reaches_px4_but_never_with_what_the_loop_owns() {
     let signing = MavMessage::SETUP_SIGNING(Default::default());
     let mut bench = Bench::new(Px4Options::default());
     for (message, may) in [
-        (&messages::heartbeat(), true),
+        (&simulator::heartbeat(), true),
         (&arm, true),
         (&stick, true),
         (&interval(30.0), true),

@@ -236,7 +236,7 @@ fn a_datagram_of_somebody_unknown_is_px4s_only_by_itself() {
     let good = bench.bytes(&controls(1, 0.5, true, false));
     let now = bench.now;
     assert!(bench.px4.recognises(0, &good, now));
-    let station = bench.bytes(&messages::heartbeat());
+    let station = bench.bytes(&simulator::heartbeat());
     for bad in [&good[..good.len() - 1], &good[1..], &[0xFD], &[], &station] {
         assert!(!bench.px4.recognises(0, bad, now), "{bad:?}");
     }

@@ -16,6 +16,7 @@ use whirlstand_bridge::config::BridgeConfig;
 use whirlstand_bridge::mixer::{FrameKind, Mixer};
 use whirlstand_bridge::sensors::{Errors, Motion, SensorModel};
 
+use super::super::hil::constant::constant_sensors;
 use super::super::hil::links::Links;
 use super::super::hil::state::Flight;
 use super::super::link::{Address, BUFFER, Decoder, Link, wait_for_bytes};
@@ -89,6 +90,7 @@ pub fn check_autopilot(
     // The check itself is the only client of these ports.
     autopilot.betaflight.msp.clear();
     autopilot.px4.telemetry = Some(String::new());
+    autopilot.ardupilot.telemetry = Some(String::new());
     let name = autopilot.kind.autopilot();
     let setup = Setup::new(config)?;
     let Parts { mixer, rc, .. } = autopilot
@@ -125,6 +127,9 @@ pub fn check_autopilot(
         sensor_time: Duration::ZERO,
         say,
     };
+    if let Some(text) = constant_sensors(autopilot.kind, &check.model, Errors::default) {
+        (check.say)(Finding::Told(text));
+    }
     check.wait_for_outputs(options)?;
     if check.flight.is_flying(&check.mixer, check.now()) {
         (check.say)(Finding::Wrong(format!("{name} is armed: disarm it, then check again")));

@@ -4,6 +4,7 @@ use std::ops::Add;
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
+use whirlstand_bridge::autopilot::ardupilot::TELEMETRY as ARDUPILOT_MAVLINK;
 use whirlstand_bridge::autopilot::betaflight::MSP;
 use whirlstand_bridge::autopilot::px4::{STATION, TELEMETRY};
 use whirlstand_bridge::autopilot::{Autopilot, AutopilotConfig, AutopilotKind};
@@ -75,7 +76,12 @@ impl Links {
                     beside(TELEMETRY, "px4", "telemetry", &telemetry)?;
                 }
             }
-            AutopilotKind::BetaflightSitl | AutopilotKind::ArdupilotJson => {}
+            AutopilotKind::ArdupilotJson => {
+                if let Some(telemetry) = ardupilot.telemetry_place() {
+                    beside(ARDUPILOT_MAVLINK, "ardupilot", "telemetry", &telemetry)?;
+                }
+            }
+            AutopilotKind::BetaflightSitl => {}
         }
         let senders = links.iter().map(|(port, link)| (*port, link.sender())).collect();
         Ok(Self {

@@ -12,6 +12,7 @@
 //! not finite, or missing because the link is lost give no command: the plant holds the last one, then goes
 //! to its failsafe, and the log contains the reason.
 
+pub(super) mod constant;
 mod errors;
 mod exchange;
 mod inbox;
@@ -37,6 +38,7 @@ use crate::follower::Follower;
 use crate::gate::InputLimits;
 use crate::peers::Peers;
 use crate::setup::Setup;
+use constant::constant_sensors;
 use errors::StandingErrors;
 use exchange::exchange;
 use inbox::{Inbox, VehicleSample};
@@ -116,18 +118,24 @@ impl Hil {
             })?;
         let links = Links::new(options)?;
         let period = Duration::from_nanos(config.period_ns);
+        let model = SensorModel::new(options.sensors.clone(), config.period_ns, config.seed);
+        let standing = StandingErrors::of(config, setup)?;
+        let mut drawn = standing.clone();
+        if let Some(warning) = constant_sensors(options.kind, &model, || drawn.draw()) {
+            tracing::warn!("{warning}");
+        }
         Ok(Self {
             inbox: Inbox::open(bus, vehicle)?,
             commands: bus.publisher()?,
             exchanges: bus.publisher()?,
             sensed: None,
-            standing: StandingErrors::of(config, setup)?,
+            standing,
             setpoints: bus.publisher()?,
             peers: Peers::open(bus, Role::Controller, vec![])?,
             autopilot: options.autopilot(config.period_ns),
             name: options.kind.autopilot(),
             links,
-            model: SensorModel::new(options.sensors.clone(), config.period_ns, config.seed),
+            model,
             states,
             limits: setup.limits,
             flight: Flight::new(&options.flight, options.mixer.frame),

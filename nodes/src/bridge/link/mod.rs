@@ -11,16 +11,16 @@ mod address;
 mod configured;
 mod drain;
 mod own_socket;
+mod sender;
 mod serial;
 mod server;
 mod wait;
 
 use std::collections::VecDeque;
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
-use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use whirlstand_bridge::peer::{PeerCounts, PeerKeeper, Pin, SILENCE};
@@ -29,6 +29,8 @@ pub use address::{Address, AddressError};
 pub use configured::configured;
 pub use drain::{BUFFER, Decoder};
 use own_socket::own_socket;
+pub use sender::LinkSender;
+use sender::{Shared, Wire, lock};
 use server::TcpServer;
 pub use wait::wait_for_bytes;
 
@@ -67,23 +69,6 @@ enum Received {
     Datagram { length: usize, from: SocketAddr },
 }
 
-enum Wire {
-    Serial(OwnedFd),
-    Tcp(TcpStream),
-    Udp { socket: UdpSocket, to: Option<SocketAddr> },
-}
-
-/// State shared by both halves of a link.
-#[derive(Default)]
-struct Shared {
-    wire: Mutex<Option<Arc<Wire>>>,
-    /// Peer of a bound UDP socket, adopted by a valid message.
-    peer: Mutex<Option<SocketAddr>>,
-    dropped: AtomicU64,
-    /// Largest number of bytes that may wait in the driver of a serial port.
-    most_waiting: usize,
-}
-
 /// The receiving half; it opens the link.
 pub struct Link {
     address: Address,
@@ -109,10 +94,6 @@ pub struct Link {
     told: Option<SocketAddr>,
 }
 
-/// The sending half; usable from any thread.
-#[derive(Clone)]
-pub struct LinkSender(Arc<Shared>);
-
 impl Link {
     /// A closed link; [`Link::maintain`] opens it.
     pub fn new(address: Address) -> Self {
@@ -136,7 +117,7 @@ impl Link {
             server: None,
             wire: None,
             own: None,
-            shared: Arc::new(Shared { most_waiting, ..Shared::default() }),
+            shared: Arc::new(Shared::new(most_waiting)),
             retry_at: now,
             reported: None,
             peers: PeerKeeper::new(pin, silence),
@@ -353,51 +334,10 @@ impl Link {
     }
 }
 
-impl LinkSender {
-    /// Sends as much as possible without waiting; true if everything was sent. The rest is dropped and
-    /// counted.
-    pub fn send(&self, bytes: &[u8]) -> bool {
-        let wire = lock(&self.0.wire).clone();
-        let sent = match wire.as_deref() {
-            None => false,
-            // Waiting bytes are obsolete but cannot be withdrawn: so none are added.
-            Some(Wire::Serial(port)) if serial::waiting(port) > self.0.most_waiting => false,
-            Some(Wire::Serial(port)) => rustix::io::write(port, bytes).is_ok_and(|n| n == bytes.len()),
-            Some(Wire::Tcp(stream)) => (&*stream).write(bytes).is_ok_and(|n| n == bytes.len()),
-            Some(Wire::Udp { socket, to }) => match to.or_else(|| *lock(&self.0.peer)) {
-                Some(to) => socket.send_to(bytes, to).is_ok(),
-                None => false,
-            },
-        };
-        if !sent {
-            self.0.dropped.fetch_add(1, Ordering::Relaxed);
-        }
-        sent
-    }
-
-    /// True while few enough bytes wait in the driver that something less urgent than a command delays none.
-    pub fn has_room(&self) -> bool {
-        match lock(&self.0.wire).as_deref() {
-            Some(Wire::Serial(port)) => 4 * serial::waiting(port) <= self.0.most_waiting,
-            _ => true,
-        }
-    }
-
-    /// Number of sends dropped because the link was closed or congested.
-    pub fn dropped(&self) -> u64 {
-        self.0.dropped.load(Ordering::Relaxed)
-    }
-}
-
 fn tcp(stream: TcpStream) -> io::Result<Wire> {
     stream.set_nonblocking(true)?;
     stream.set_nodelay(true)?;
     Ok(Wire::Tcp(stream))
-}
-
-/// A panic in another thread cannot leave an inconsistent value here.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 use super::*;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use std::io::Write;
 use std::net::TcpListener;
+use std::os::fd::OwnedFd;
 
 /// Repeats until a link is open and something was received, at most five seconds.
 fn until<T>(mut done: impl FnMut() -> Option<T>) -> T {
@@ -307,8 +309,9 @@ fn nothing_is_added_to_a_line_whose_driver_holds_more_than_50_ms_back() {
     let (line, mut other) = UnixStream::pair().unwrap();
     line.set_nonblocking(true).unwrap();
     let most_waiting = serial::most_waiting(57_600, false);
-    let wire = Mutex::new(Some(Arc::new(Wire::Serial(line.into()))));
-    let sender = LinkSender(Arc::new(Shared { wire, most_waiting, ..Shared::default() }));
+    let shared = Shared::new(most_waiting);
+    *lock(&shared.wire) = Some(Arc::new(Wire::Serial(line.into())));
+    let sender = LinkSender(Arc::new(shared));
     let old = [1; 300];
     assert!(sender.send(&old), "nothing waits yet");
     for dropped in 1..=10 {

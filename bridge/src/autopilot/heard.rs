@@ -1,24 +1,26 @@
-//! Messages of PX4 to all: its heartbeats, and the reasons why it does not arm.
+//! Messages of an autopilot to all: its heartbeats, and the reasons why it does not arm.
 
 use crate::mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavModeFlag};
-use crate::mavlink::{Header, MavMessage, Readiness};
+use crate::mavlink::{Header, MavMessage, Readiness, flight_mode};
 use crate::note::Notes;
 
-/// State from PX4's heartbeats and reports.
+/// State from an autopilot's heartbeats and reports.
 #[derive(Debug, Clone)]
 pub(super) struct Heard {
+    name: &'static str,
     /// Identity of the vehicle from its heartbeats, and the port on which they last arrived.
     vehicle: Option<(Header, usize)>,
+    /// Its flight mode, where the mode has a name.
+    mode: Option<&'static str>,
     readiness: Readiness,
 }
 
-impl Default for Heard {
-    fn default() -> Self {
-        Self { vehicle: None, readiness: Readiness::new("PX4") }
-    }
-}
-
 impl Heard {
+    /// State without any message; `name` is the autopilot's name in notes.
+    pub(super) fn new(name: &'static str) -> Self {
+        Self { name, vehicle: None, mode: None, readiness: Readiness::new(name) }
+    }
+
     /// Identity of the vehicle.
     pub(super) fn vehicle(&self) -> Option<Header> {
         self.vehicle.map(|(header, _)| header)
@@ -39,6 +41,11 @@ impl Heard {
         self.readiness.said()
     }
 
+    /// Its arming checks are requested anew: what they do not report again holds no longer.
+    pub(super) fn asked(&mut self) {
+        self.readiness.asked();
+    }
+
     /// Processes a message received through `port`.
     pub(super) fn hear(&mut self, port: usize, header: Header, message: &MavMessage, notes: &mut Notes) {
         match message {
@@ -53,21 +60,32 @@ impl Heard {
         }
         let armed = beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
         let answers_at = self.answers_at().map_or(port, |known| known.max(port));
+        let (name, mode) = (self.name, flight_mode(beat));
+        let state = if armed { "armed" } else { "not armed" };
         match self.vehicle {
-            None => notes.warn(format!(
-                "PX4 is system {}, component {}, and says that it is {}",
-                header.system,
-                header.component,
-                if armed { "armed" } else { "not armed" }
-            )),
+            None => {
+                let Header { system, component, .. } = header;
+                let mode = mode.map_or(String::new(), |mode| format!(", in mode {mode}"));
+                notes.warn(format!(
+                    "{name} is system {system}, component {component}, and says that it is {state}{mode}"
+                ));
+            }
             // Other components have their own heartbeats.
             Some((known, _)) if (known.system, known.component) != (header.system, header.component) => {
                 return;
             }
-            Some(_) if self.is_armed() == armed => {}
-            Some(_) if armed => notes.warn("PX4 says that it is armed"),
-            Some(_) => notes.warn("PX4 says that it is disarmed"),
+            Some(_) => {
+                if let Some(mode) = mode.filter(|_| mode != self.mode) {
+                    notes.info(format!("{name} says that it is in mode {mode}"));
+                }
+                match (self.is_armed(), armed) {
+                    (false, true) => notes.warn(format!("{name} says that it is armed")),
+                    (true, false) => notes.warn(format!("{name} says that it is disarmed")),
+                    _ => {}
+                }
+            }
         }
+        self.mode = mode;
         self.vehicle = Some((header, answers_at));
         self.readiness.set_armed(armed);
     }
