@@ -238,11 +238,6 @@ fn finish(
         // its own is hardly determined, as the rotors move together.
         vehicle.free.retain(|free| matches!(free.target, Target::Entry(Matrix::A, ..)));
     }
-    // The next fit begins where this one ended: of several minima it is to find this one again.
-    let found: Vec<f64> = vehicle.free.iter().map(|free| vehicle.free_value(&free.target)).collect();
-    for (free, value) in vehicle.free.iter_mut().zip(found) {
-        free.start = Some(value.clamp(free.lower, free.upper));
-    }
     draft.toml = comments::text(&vehicle, mixer.is_some(), &draft);
     Vehicle::parse(&draft.toml, &draft.vehicle).map_err(whirlstand_vehicle::VehicleError::from)?;
     Ok(draft)

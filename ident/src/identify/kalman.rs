@@ -29,7 +29,7 @@ pub struct Start {
 /// data's start decide, as the likelihood of a start depends on the noises, which no start includes.
 pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>], watch: &Watch) -> Start {
     let structure = NoiseStructure::new(problem);
-    let noise = first_noise(problem, segments, &structure);
+    let noise: Vec<f64> = first_noise(problem, segments, &structure).iter().map(|n| n.start).collect();
     let nuisances = no_nuisances(problem, segments);
     let ranked = |starts: Vec<Vec<f64>>, most: usize| -> Vec<Start> {
         let mut all = Vec::new();
@@ -62,30 +62,50 @@ pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>],
     }
 }
 
+/// Logarithm of a noise's standard deviation: where the search begins and the limits within which it stays.
+struct FirstNoise {
+    start: f64,
+    lower: f64,
+    upper: f64,
+}
+
 /// Initial noise: measurement noise from the record, process noise that lets the filter follow the record
-/// within a few steps.
-fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructure) -> Vec<f64> {
+/// within a few steps. The limits are a millionth of the start, where a noise has no effect, and a thousand times it; a
+/// process noise may besides be as large as all that the record does from one step to the next, as a smooth record has
+/// hardly any measurement noise to begin with.
+fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructure) -> Vec<FirstNoise> {
     let p = problem.p();
-    let measured: Vec<f64> = structure
+    let measured: Vec<(f64, f64)> = structure
         .outputs
         .iter()
         .map(|&i| {
-            let values: Vec<f64> =
-                segments.iter().flat_map(|s| s.output(i, p)).filter(|v| v.is_finite()).collect();
+            let runs: Vec<Vec<f64>> = segments.iter().map(|s| s.output(i, p)).collect();
+            let values: Vec<f64> = runs.iter().flatten().copied().filter(|v| v.is_finite()).collect();
             let mean = whirlstand_logs::stats::mean(&values);
             let spread = whirlstand_logs::stats::rms(&values.iter().map(|v| v - mean).collect::<Vec<_>>());
-            whirlstand_logs::stats::white_noise_std(&values).max(1e-4 * spread).max(1e-12)
+            let steps = runs.iter().flat_map(|run| run.windows(2).map(|w| w[1] - w[0]));
+            let steps: Vec<f64> = steps.filter(|step| step.is_finite()).collect();
+            let noise = whirlstand_logs::stats::white_noise_std(&values).max(1e-4 * spread).max(1e-12);
+            (noise, if steps.is_empty() { spread } else { whirlstand_logs::stats::rms(&steps) })
         })
         .collect();
+    let noise = |std: f64, largest: f64| {
+        let start = std.ln();
+        FirstNoise { start, lower: start - 14.0, upper: (start + 7.0).max(largest.ln()) }
+    };
+    let over = 1.0 / problem.period_s.sqrt();
     let driven = structure.states.iter().map(|&j| {
         let at = structure.outputs.iter().position(|&i| problem.vehicle.c[(i, j)] != 0.0);
-        let size = match at {
-            Some(at) => measured[at] / problem.vehicle.c[(structure.outputs[at], j)].abs(),
-            None => whirlstand_logs::stats::mean(&measured),
+        let (size, step) = match at {
+            Some(at) => {
+                let gain = problem.vehicle.c[(structure.outputs[at], j)].abs();
+                (measured[at].0 / gain, measured[at].1 / gain)
+            }
+            None => (whirlstand_logs::stats::mean(&measured.iter().map(|m| m.0).collect::<Vec<_>>()), 0.0),
         };
-        (0.3 * size / problem.period_s.sqrt()).ln()
+        noise(0.3 * size * over, step * over)
     });
-    driven.chain(measured.iter().map(|s| s.ln())).collect()
+    driven.chain(measured.iter().map(|m| noise(m.0, 0.0))).collect()
 }
 
 /// Maximises the likelihood of the Kalman filter's innovations from a start.
@@ -98,8 +118,7 @@ fn climb(
 ) -> Option<(filter_error::Evaluation, Outcome)> {
     let structure = NoiseStructure::new(problem);
     let mut limits = bounds(problem);
-    // From a millionth of the usual size, where a noise has no effect, to a thousand times it.
-    limits.extend(first_noise(problem, segments, &structure).iter().map(|v| (v - 14.0, v + 7.0)));
+    limits.extend(first_noise(problem, segments, &structure).iter().map(|noise| (noise.lower, noise.upper)));
     let unknowns: Vec<f64> = start.theta.iter().chain(&start.noise).copied().collect();
     let first =
         filter_error::evaluate(problem, &structure, segments, &unknowns, &no_nuisances(problem, segments))?;
@@ -140,4 +159,44 @@ pub fn kalman(
         outcome,
     };
     Some((fit, information))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_vehicle::Vehicle;
+
+    /// A smooth motion that is not the input's: with hardly any measurement noise, the process noise has to reach what
+    /// the record does from step to step, or the filter cannot follow it.
+    #[test]
+    fn a_smooth_record_that_the_inputs_do_not_explain_is_followed() {
+        let text = r#"
+            A = [[-2.0]]
+            B = [[1.0]]
+            states = [{ name = "v" }]
+            inputs = [{ name = "u" }]
+            free = [{ entry = "A[1,1]", lower = -20.0, upper = 0.0, start = -2.0 }]
+        "#;
+        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        let (steps, period_s) = (1500, 0.01);
+        let motion = |k: usize| {
+            let t = k as f64 * period_s;
+            7.0 * (14.4 * t).sin() + 4.0 * (9.3 * t + 1.0).sin()
+        };
+        let segments = [Segment {
+            origin: "smooth".into(),
+            start_s: 0.0,
+            first_step: 0,
+            period_s,
+            inputs: (0..steps).map(|k| f64::from(k as u32 / 70 % 2)).collect(),
+            outputs: (0..steps).map(motion).collect(),
+            steps,
+        }];
+        let problem = Problem::new(&vehicle, &segments, super::super::Nuisance::default()).unwrap();
+        let start = kalman_start(&problem, &segments, &[], &Watch::default());
+        let (fit, _) = kalman(&problem, &segments, &start, &Watch::default()).unwrap();
+        let NoiseFit::Kalman(_, noise) = fit.noise else { panic!("{:?}", fit.noise) };
+        let (driving, measuring) = (noise[0].exp() * period_s.sqrt(), noise[1].exp());
+        assert!(driving > 0.5 && measuring < 0.1 * driving, "{driving} {measuring}");
+    }
 }
