@@ -27,13 +27,14 @@ fn betaflight(program: &Path, folder: &Path) -> Running {
     spawn(command)
 }
 
-/// Types into Betaflight's command line and reads up to the next prompt, or to the end.
-fn ask(link: &mut TcpStream, typed: &str) {
+/// Types into Betaflight's command line and reads up to the next prompt, or to the end; whether the prompt came.
+fn ask(link: &mut TcpStream, typed: &str) -> bool {
     link.write_all(typed.as_bytes()).unwrap();
     let (mut heard, mut byte) = (Vec::new(), [0]);
     while !heard.ends_with(b"\n# ") && link.read(&mut byte).is_ok_and(|n| n > 0) {
         heard.push(byte[0]);
     }
+    heard.ends_with(b"\n# ")
 }
 
 /// Configures Betaflight and restarts it.
@@ -47,8 +48,12 @@ fn set_up(program: &Path, folder: &Path) -> Running {
         }
     };
     link.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-    // A single '#' opens the command line: older releases misinterpret anything that follows at once.
-    ask(&mut link, "#");
+    // A single '#' opens the command line: older releases misinterpret anything that follows at once. One that arrives
+    // while the program still starts is lost; if it was only late, a second one begins a comment, which a line ends.
+    while !ask(&mut link, "#") {
+        assert!(Instant::now() < until, "the command line does not open");
+    }
+    ask(&mut link, "\n");
     for line in SETTINGS.iter().chain(&["save"]) {
         ask(&mut link, &format!("{line}\n"));
     }

@@ -104,11 +104,12 @@ fn flights_end_in_models_that_identify_takes_as_they_are() -> Outcome {
 }
 
 /// Noise estimated from the changes between samples in flight is not a data sheet value: the diagnosis fits the noise,
-/// also of a file from `identify`, and the extended vehicle keeps what the draft says.
-fn noise_that_was_estimated_in_flight_is_fitted() -> Outcome {
+/// also of a file from `identify`, and the extended vehicle keeps what the draft says. Both take the draft's steps, which
+/// are longer than the log's.
+fn what_a_draft_knows_of_its_log_is_kept() -> Outcome {
     let log = data()?.join("flights/kd0aij_S250_1kHz_log1.ulg");
     let dir = tempfile::tempdir().unwrap();
-    drafted(&log, dir.path());
+    let draft = drafted(&log, dir.path());
     let path = |name: &str| dir.path().join(name).display().to_string();
     let log = log.to_str().unwrap();
     let fitted = ["identify", log, "--vehicle", &path("drafted.toml"), "--to", "20", "--noise", "kalman"];
@@ -118,6 +119,8 @@ fn noise_that_was_estimated_in_flight_is_fitted() -> Outcome {
         let call = ["diagnose", log, "--vehicle", &path(vehicle), "--json", &found, "--out", &out];
         run(call.into_iter().chain(["--from", "10", "--to", "30"])).success();
         let found = json(&found);
+        let period_s = |answer: &Value| answer["period_s"].as_f64().unwrap();
+        assert!((period_s(&found) - period_s(&draft)).abs() < 1e-6, "{vehicle}: {}", found["period_s"]);
         for (name, output) in found["outputs"].as_object().unwrap() {
             assert!(output["noise_model_share"].is_number(), "{vehicle}, {name}: {output}");
         }
@@ -133,7 +136,7 @@ fn noise_that_was_estimated_in_flight_is_fitted() -> Outcome {
 }
 
 whirlstand_test_harness::tests!(
-    noise_that_was_estimated_in_flight_is_fitted,
+    what_a_draft_knows_of_its_log_is_kept,
     motors_that_are_off_are_refused,
     rest_is_refused,
     a_slow_log_is_refused_with_its_rates,

@@ -197,14 +197,14 @@ impl Divisible for Linear<'_> {
         let mut z = vec![0.0; n + m];
         z[..n].copy_from_slice(split(self.problem, nuisance).0);
         let mut x = vec![0.0; n];
-        let (mut found, mut k) = (Vec::with_capacity(at.len()), 0);
+        let (mut found, mut from) = (Vec::with_capacity(at.len()), 0);
         for end in at {
-            for u in segment.inputs[k * m..end * m].chunks_exact(m) {
-                z[n..].copy_from_slice(u);
+            for k in from..*end {
+                z[n..].copy_from_slice(&segment.inputs[k * m..(k + 1) * m]);
                 self.move_on(&z, &mut x);
                 z[..n].copy_from_slice(&x);
             }
-            k = *end;
+            from = *end;
             found.push(z[..n].to_vec());
         }
         found.iter().flatten().all(|x| x.abs() < LARGEST).then_some(found)
