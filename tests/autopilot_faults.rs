@@ -145,7 +145,7 @@ fn an_autopilot_that_does_not_come_ends_the_run_with_where_it_was_awaited() {
     assert!(!end.stderr.contains("the chain from"), "{}", end.stderr);
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     a_slow_autopilot_in_lockstep_is_flown_on_its_previous_outputs_in_realtime,
     a_board_that_reboots_on_its_line_is_recognised_and_flies_again_once_armed,
     an_autopilot_that_is_never_armed_ends_the_run_with_its_reason,

@@ -363,7 +363,7 @@ fn what_an_autopilots_bridge_cannot_be_is_refused_with_its_place() {
     }
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop,
     the_check_says_which_axis_px4_has_turned,
     the_check_says_which_axis_ardupilot_has_turned,

@@ -87,7 +87,7 @@ fn the_check_moves_no_channel_without_consent() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives,
     the_check_moves_no_channel_without_consent
 );

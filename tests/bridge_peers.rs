@@ -257,7 +257,7 @@ fn a_pin_is_for_links_that_anybody_can_reach() {
     );
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     garbage_at_10_khz_steals_no_output_of_a_mavlink_vehicle,
     one_byte_steals_no_output_of_a_signed_link,
     a_second_vehicle_is_refused_until_the_first_is_silent,

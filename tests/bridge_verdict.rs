@@ -191,7 +191,7 @@ fn an_autopilot_that_is_killed_in_flight_fails_the_run() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     a_vehicle_that_is_flown_throughout_is_a_success,
     a_vehicle_that_disarms_in_flight_fails_the_run,
     a_vehicle_that_nobody_arms_fails_the_run,

@@ -210,7 +210,7 @@ fn an_address_that_is_none_is_told() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     a_client_sees_the_bench_by_name_and_steers_it,
     a_log_has_pose_shape_and_events_for_panels,
     clients_that_never_read_change_nothing_in_the_log,

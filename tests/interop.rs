@@ -87,7 +87,7 @@ fn a_node_that_runs_out_of_memory_in_flight_is_started_again() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     a_node_that_runs_out_of_memory_in_flight_is_started_again,
     a_python_program_with_the_iceoryx2_package_is_the_controller,
     a_python_program_with_the_zenoh_package_is_the_controller

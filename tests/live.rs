@@ -224,7 +224,7 @@ fn only_who_knows_the_token_looks_from_another_machine() {
     refused(&["play", "no-such-log.mcap"], &["no-such-log.mcap"]);
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     a_running_bench_is_shown_and_steered_from_two_browsers,
     viewers_that_never_read_change_nothing_in_the_log,
     a_bench_over_shared_memory_is_watched,

@@ -157,7 +157,7 @@ fn half_of_an_input_that_a_vehicle_behind_crsf_loses_is_named() {
     half_of_the_input_is_named(findings, 20.0, &ended.stderr);
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     a_vehicle_as_its_file_says_is_blamed_for_nothing,
     half_of_an_input_that_is_lost_in_flight_is_named_with_its_size,
     half_of_an_input_that_a_vehicle_behind_crsf_loses_is_named

@@ -117,7 +117,7 @@ fn a_line_that_cannot_carry_the_sensors_is_refused_with_the_rate_that_it_carries
     assert!(end.stderr.contains("udpout://"), "{}", end.stderr);
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::waiting_tests!(
     pymavlink_arms_a_board_on_one_line_and_writes_nothing_that_the_loop_owns,
     mavsdk_arms_a_board_on_one_line,
     mavproxy_arms_a_board_on_one_line,

@@ -1,7 +1,7 @@
 //! Detectability of an effect: the change of the record relative to the noise, without the part that the
 //! initial state and the free parameters could imitate. The true noise model is used.
 
-use rustfft::FftPlanner;
+use rustfft::FftPlannerScalar;
 use rustfft::num_complex::Complex;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
@@ -83,7 +83,7 @@ fn random_lambda(signature: &[f64], outputs: usize) -> f64 {
     if samples < 16 {
         return 0.0;
     }
-    let fft = FftPlanner::new().plan_fft_forward(samples);
+    let fft = FftPlannerScalar::new().plan_fft_forward(samples);
     let (mut single, mut joint) = (0.0, vec![0.0; samples / 2]);
     for channel in 0..outputs {
         let column = signature.iter().skip(channel).step_by(outputs);

@@ -9,6 +9,7 @@ use whirlstand_msgs::Message;
 
 use crate::config::check_name;
 use crate::park::{Region, TopicBit};
+use crate::ports::{Carried, Carrier, Place, PublisherPort, SubscriberPort};
 use crate::{
     BusConfig, LauncherToken, MAX_DEPTH, OpenError, RecvError, SendError, Transport, WaitStrategy, inproc,
     network, shared_memory,
@@ -93,7 +94,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`OpenError::Schema`] when the topic is in use with another version of the message.
-    pub fn publisher<M: Message>(&self) -> Result<Publisher<M>, OpenError> {
+    pub fn publisher<M: Carried>(&self) -> Result<Publisher<M>, OpenError> {
         self.publisher_on(M::TOPIC)
     }
 
@@ -101,7 +102,7 @@ impl Bus {
     ///
     /// # Errors
     /// As [`Self::publisher`], and [`OpenError::Name`] for an invalid topic.
-    pub fn publisher_on<M: Message>(&self, topic: &str) -> Result<Publisher<M>, OpenError> {
+    pub fn publisher_on<M: Carried>(&self, topic: &str) -> Result<Publisher<M>, OpenError> {
         self.open_publisher(topic, None)
     }
 
@@ -110,21 +111,24 @@ impl Bus {
     ///
     /// # Errors
     /// As [`Self::publisher`], and [`OpenError::Name`] for an invalid name.
-    pub fn publisher_as<M: Message>(&self, speaker: &str) -> Result<Publisher<M>, OpenError> {
+    pub fn publisher_as<M: Carried>(&self, speaker: &str) -> Result<Publisher<M>, OpenError> {
         check_name("node", speaker)?;
         self.open_publisher(M::TOPIC, Some(speaker))
     }
 
-    fn open_publisher<M: Message>(
+    fn open_publisher<M: Carried>(
         &self,
         topic: &str,
         speaker: Option<&str>,
     ) -> Result<Publisher<M>, OpenError> {
         check_name("topic", topic)?;
+        let place = |carrier| Place { carrier, topic, speaker };
         let port = match &self.shared.medium {
-            Medium::Iceoryx2(member) => PublisherPort::Iceoryx2(member.publisher(topic)?),
-            Medium::Zenoh(member) => PublisherPort::Zenoh(member.publisher::<M>(topic, speaker)?),
-            Medium::Inproc(bench) => PublisherPort::Inproc(bench.publisher(topic)?),
+            Medium::Iceoryx2(member) => {
+                Sending::Waking(M::open_publisher(&place(Carrier::Iceoryx2(member)))?.0)
+            }
+            Medium::Zenoh(member) => Sending::Far(M::open_publisher(&place(Carrier::Zenoh(member)))?.0),
+            Medium::Inproc(bench) => Sending::Inproc(bench.publisher(topic)?),
         };
         Ok(Publisher {
             port,
@@ -142,7 +146,7 @@ impl Bus {
     /// [`OpenError::Schema`] when the topic is in use with another version of the message (over Zenoh that shows
     /// only when a message arrives, see [`RecvError::Refused`]), [`OpenError::Depth`] for a depth of 0 or above
     /// [`MAX_DEPTH`].
-    pub fn subscriber<M: Message>(&self, depth: usize) -> Result<Subscriber<M>, OpenError> {
+    pub fn subscriber<M: Carried>(&self, depth: usize) -> Result<Subscriber<M>, OpenError> {
         self.subscriber_on(M::TOPIC, depth)
     }
 
@@ -150,15 +154,16 @@ impl Bus {
     ///
     /// # Errors
     /// As [`Self::subscriber`], and [`OpenError::Name`] for an invalid topic.
-    pub fn subscriber_on<M: Message>(&self, topic: &str, depth: usize) -> Result<Subscriber<M>, OpenError> {
+    pub fn subscriber_on<M: Carried>(&self, topic: &str, depth: usize) -> Result<Subscriber<M>, OpenError> {
         check_name("topic", topic)?;
         if depth == 0 || depth > MAX_DEPTH {
             return Err(OpenError::Depth { topic: topic.into(), depth, max: MAX_DEPTH });
         }
+        let process = |carrier| M::open_subscriber(&Place { carrier, topic, speaker: None }, depth);
         let port = match &self.shared.medium {
-            Medium::Iceoryx2(member) => SubscriberPort::Iceoryx2(member.subscriber(topic, depth)?),
-            Medium::Zenoh(member) => SubscriberPort::Zenoh(member.subscriber(topic, depth)?),
-            Medium::Inproc(bench) => SubscriberPort::Inproc(bench.subscriber(topic, depth)?),
+            Medium::Iceoryx2(member) => Receiving::Process(process(Carrier::Iceoryx2(member))?.0),
+            Medium::Zenoh(member) => Receiving::Process(process(Carrier::Zenoh(member))?.0),
+            Medium::Inproc(bench) => Receiving::Inproc(bench.subscriber(topic, depth)?),
         };
         let notifying = &self.shared.notifying;
         notifying.set(notifying.get() | TopicBit::of(topic).mask());
@@ -222,16 +227,18 @@ impl Bus {
 
 /// Publishes messages of one type on one topic.
 pub struct Publisher<M: Message> {
-    port: PublisherPort<M>,
+    port: Sending<M>,
     topic: String,
     bit: TopicBit,
     seq: u64,
     shared: Rc<Shared>,
 }
 
-enum PublisherPort<M: Message> {
-    Iceoryx2(shared_memory::Publisher<M>),
-    Zenoh(network::Publisher),
+enum Sending<M: Message> {
+    /// To processes that sleep on the shared region, which the sender wakes.
+    Waking(Box<dyn PublisherPort<M>>),
+    /// Over a network, whose receiving side wakes its own process.
+    Far(Box<dyn PublisherPort<M>>),
     Inproc(inproc::Publisher<M>),
 }
 
@@ -264,14 +271,9 @@ impl<M: Message> Publisher<M> {
     #[inline]
     fn send_as(&mut self, message: &M, seq: u64) -> Result<(), SendError> {
         match &mut self.port {
-            PublisherPort::Iceoryx2(port) => port.send(&self.topic, message, seq)?,
-            PublisherPort::Inproc(port) => port.send(message, seq),
-            PublisherPort::Zenoh(port) => {
-                let mut message = *message;
-                message.head_mut().seq = seq;
-                // The receiving side of the network wakes its own process.
-                return port.send(&self.topic, &message);
-            }
+            Sending::Waking(port) => port.send(&self.topic, message, seq)?,
+            Sending::Inproc(port) => port.send(message, seq),
+            Sending::Far(port) => return port.send(&self.topic, message, seq),
         }
         self.shared.region().wake(self.bit);
         Ok(())
@@ -284,9 +286,8 @@ impl<M: Message> Publisher<M> {
     /// [`SendError`] when the transport cannot tell.
     pub fn has_subscribers(&mut self) -> Result<bool, SendError> {
         match &mut self.port {
-            PublisherPort::Iceoryx2(port) => Ok(port.has_subscribers()),
-            PublisherPort::Zenoh(port) => port.has_subscribers(&self.topic),
-            PublisherPort::Inproc(port) => Ok(port.has_subscribers()),
+            Sending::Waking(port) | Sending::Far(port) => port.has_subscribers(&self.topic),
+            Sending::Inproc(port) => Ok(port.has_subscribers()),
         }
     }
 
@@ -298,14 +299,13 @@ impl<M: Message> Publisher<M> {
 
 /// Receives the messages of one type on one topic.
 pub struct Subscriber<M: Message> {
-    port: SubscriberPort<M>,
+    port: Receiving<M>,
     topic: String,
     _shared: Rc<Shared>,
 }
 
-enum SubscriberPort<M: Message> {
-    Iceoryx2(shared_memory::Subscriber<M>),
-    Zenoh(network::Subscriber<M>),
+enum Receiving<M: Message> {
+    Process(Box<dyn SubscriberPort<M>>),
     Inproc(inproc::Subscriber<M>),
 }
 
@@ -319,9 +319,8 @@ impl<M: Message> Subscriber<M> {
     #[inline]
     pub fn try_recv(&mut self) -> Result<Option<M>, RecvError> {
         match &mut self.port {
-            SubscriberPort::Iceoryx2(port) => port.try_recv(&self.topic),
-            SubscriberPort::Zenoh(port) => port.try_recv(&self.topic),
-            SubscriberPort::Inproc(port) => Ok(port.try_recv()),
+            Receiving::Process(port) => port.try_recv(&self.topic),
+            Receiving::Inproc(port) => Ok(port.try_recv()),
         }
     }
 
@@ -329,9 +328,8 @@ impl<M: Message> Subscriber<M> {
     /// counted at the latest when a later message of the same publisher is received.
     pub fn lost(&self) -> u64 {
         match &self.port {
-            SubscriberPort::Iceoryx2(port) => port.lost(),
-            SubscriberPort::Zenoh(port) => port.lost(),
-            SubscriberPort::Inproc(port) => port.lost(),
+            Receiving::Process(port) => port.lost(),
+            Receiving::Inproc(port) => port.lost(),
         }
     }
 

@@ -25,6 +25,8 @@ use crate::lost::LostCounter;
 use crate::network_keys::{key_expression, spoken_key};
 use crate::network_settings::{fix_ports, has_tls, settings};
 use crate::park::{Region, TopicBit};
+use crate::ports::{PublisherPort, SubscriberPort};
+use crate::session::{SessionError, open_session};
 use crate::{BusConfig, ONE_THREAD, OpenError, RecvError, Refusal, SendError, Transport};
 
 /// Largest number of refused messages kept for [`crate::Subscriber::try_recv`]; further ones are not
@@ -57,11 +59,11 @@ impl Member {
             let mut settings = settings.clone();
             let (locators, chosen_here) = fix_ports(&mut settings)
                 .map_err(|reason| transport_error(&bus.bench, "find a free port", reason))?;
-            let config = zenoh::Config::from_json5(&settings.to_string()).map_err(|e| {
-                OpenError::ZenohConfig { path: bus.zenoh.config.clone(), reason: e.to_string() }
-            })?;
-            match zenoh::open(config).wait() {
+            match open_session(&settings) {
                 Ok(session) => break (session, locators),
+                Err(SessionError::Settings(reason)) => {
+                    return Err(OpenError::ZenohConfig { path: bus.zenoh.config.clone(), reason });
+                }
                 Err(_) if chosen_here && attempt < PORT_ATTEMPTS => attempt += 1,
                 Err(e) => return Err(transport_error(&bus.bench, "open a session", e)),
             }
@@ -146,10 +148,12 @@ pub(crate) struct Publisher {
     id: ZBytes,
 }
 
-impl Publisher {
-    pub(crate) fn send<M: Message>(&mut self, topic: &str, message: &M) -> Result<(), SendError> {
+impl<M: Message> PublisherPort<M> for Publisher {
+    fn send(&mut self, topic: &str, message: &M, seq: u64) -> Result<(), SendError> {
+        let mut message = *message;
+        message.head_mut().seq = seq;
         let mut wire = Vec::with_capacity(2 * size_of::<M>());
-        encode(message, &mut wire);
+        encode(&message, &mut wire);
         self.port
             .put(wire)
             .attachment(self.id.clone())
@@ -157,7 +161,7 @@ impl Publisher {
             .map_err(|e| SendError { topic: topic.into(), reason: e.to_string() })
     }
 
-    pub(crate) fn has_subscribers(&self, topic: &str) -> Result<bool, SendError> {
+    fn has_subscribers(&self, topic: &str) -> Result<bool, SendError> {
         let status = self.port.matching_status().wait();
         status.map(|s| s.matching()).map_err(|e| SendError { topic: topic.into(), reason: e.to_string() })
     }
@@ -218,8 +222,8 @@ pub(crate) struct Subscriber<M: Message> {
     _port: zenoh::pubsub::Subscriber<()>,
 }
 
-impl<M: Message> Subscriber<M> {
-    pub(crate) fn try_recv(&mut self, topic: &str) -> Result<Option<M>, RecvError> {
+impl<M: Message> SubscriberPort<M> for Subscriber<M> {
+    fn try_recv(&mut self, topic: &str) -> Result<Option<M>, RecvError> {
         if let Some(message) = self.inbox.queue.pop() {
             return Ok(Some(message));
         }
@@ -229,7 +233,7 @@ impl<M: Message> Subscriber<M> {
         }
     }
 
-    pub(crate) fn lost(&self) -> u64 {
+    fn lost(&self) -> u64 {
         self.inbox.counter().lost().saturating_add(self.inbox.queue.displaced())
     }
 }

@@ -14,6 +14,7 @@ use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::{LogLevel, ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or};
 use whirlstand_msgs::{Command, Estimate, Imu, Message};
 
+use crate::ports::Carried;
 use crate::shared_memory::Shared;
 use crate::shared_memory_config::config;
 use crate::{Bus, BusConfig, OpenError, Publisher, Subscriber};
@@ -106,7 +107,7 @@ impl Ring {
         Ok(elapsed)
     }
 
-    fn bus_link<I: Message, O: Message>(&self) -> Result<BusLink<I, O>, RingError> {
+    fn bus_link<I: Carried, O: Carried>(&self) -> Result<BusLink<I, O>, RingError> {
         let bus = Bus::open(&self.bus)?;
         Ok(BusLink { input: bus.subscriber(8)?, output: bus.publisher()?, bus })
     }

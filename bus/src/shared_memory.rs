@@ -27,6 +27,7 @@ use whirlstand_msgs::Message;
 
 use crate::lost::LostCounter;
 use crate::park::Region;
+use crate::ports::{PublisherPort, SubscriberPort};
 use crate::presence::Presence;
 use crate::shared_memory_config::{
     MAX_BORROWED, MAX_DEPTH, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SHARED_MEMORY, config, prefix, root_path,
@@ -270,10 +271,9 @@ pub(crate) struct Publisher<M: Message> {
     _member: Rc<Member>,
 }
 
-impl<M: Message> Publisher<M> {
-    /// Sends a message without waiting: a full queue loses its oldest message.
-    #[inline]
-    pub(crate) fn send(&mut self, topic: &str, message: &M, seq: u64) -> Result<(), SendError> {
+impl<M: Message> PublisherPort<M> for Publisher<M> {
+    /// Sends without waiting: a full queue loses its oldest message.
+    fn send(&mut self, topic: &str, message: &M, seq: u64) -> Result<(), SendError> {
         let refused = |reason: String| SendError { topic: topic.into(), reason };
         let sample = self.port.loan_uninit().map_err(|e| refused(e.to_string()))?;
         let mut sample = sample.write_payload(Shared(*message));
@@ -282,8 +282,8 @@ impl<M: Message> Publisher<M> {
         Ok(())
     }
 
-    pub(crate) fn has_subscribers(&self) -> bool {
-        self.factory.dynamic_config().number_of_subscribers() > 0
+    fn has_subscribers(&self, _topic: &str) -> Result<bool, SendError> {
+        Ok(self.factory.dynamic_config().number_of_subscribers() > 0)
     }
 }
 
@@ -293,9 +293,8 @@ pub(crate) struct Subscriber<M: Message> {
     _member: Rc<Member>,
 }
 
-impl<M: Message> Subscriber<M> {
-    #[inline]
-    pub(crate) fn try_recv(&mut self, topic: &str) -> Result<Option<M>, RecvError> {
+impl<M: Message> SubscriberPort<M> for Subscriber<M> {
+    fn try_recv(&mut self, topic: &str) -> Result<Option<M>, RecvError> {
         match self.port.receive() {
             Ok(Some(sample)) => {
                 let message = sample.payload().0;
@@ -307,7 +306,7 @@ impl<M: Message> Subscriber<M> {
         }
     }
 
-    pub(crate) fn lost(&self) -> u64 {
+    fn lost(&self) -> u64 {
         self.lost.lost()
     }
 }

@@ -6,7 +6,7 @@ use support::{changed, flight};
 use whirlstand_diagnose::data::record::Data;
 use whirlstand_diagnose::{Options, Verdict, diagnose, screen};
 use whirlstand_logs::Record;
-use whirlstand_logs::testing::noise;
+use whirlstand_test_harness::noise;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 /// The quadrotor without vibration, with white sensor noise.

@@ -183,7 +183,7 @@ fn joined(parts: &[(f64, f64)], gap: f64) -> Vec<(f64, f64)> {
 mod tests {
     use super::*;
     use whirlstand_logs::stats::moving_average;
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     #[test]
     fn the_nis_is_averaged_as_a_whole_record_is() {

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use rustfft::num_complex::Complex;
-use rustfft::{Fft, FftPlanner};
+use whirlstand_linalg::C64;
+use whirlstand_linalg::fft::{self, Fft};
 
 /// Shortest and longest segment, samples.
 const LENGTHS: (usize, usize) = (32, 4096);
@@ -49,7 +49,7 @@ pub(crate) struct SpectrumSum {
     /// Samples of the segment that is being filled.
     samples: Vec<f64>,
     last_s: f64,
-    spectrum: Vec<Complex<f64>>,
+    spectrum: Vec<C64>,
     density: Vec<f64>,
     segments: u64,
     columns: Vec<Column>,
@@ -85,10 +85,10 @@ impl SpectrumSum {
         Self {
             period_s,
             window: (0..length).map(|i| 0.5 - 0.5 * (step * i as f64).cos()).collect(),
-            fft: FftPlanner::new().plan_fft_forward(length),
+            fft: fft::forward(length),
             samples: Vec::with_capacity(length),
             last_s: f64::NEG_INFINITY,
-            spectrum: vec![Complex::default(); length],
+            spectrum: vec![C64::default(); length],
             density: vec![0.0; length / 2 + 1],
             segments: 0,
             columns: Vec::new(),
@@ -117,7 +117,7 @@ impl SpectrumSum {
         let length = self.window.len();
         let mean = self.samples.iter().sum::<f64>() / length as f64;
         for ((bin, w), y) in self.spectrum.iter_mut().zip(&self.window).zip(&self.samples) {
-            *bin = Complex::new(w * (y - mean), 0.0);
+            *bin = C64::new(w * (y - mean), 0.0);
         }
         self.fft.process(&mut self.spectrum);
         let scale = self.period_s / self.window.iter().map(|w| w * w).sum::<f64>();
@@ -173,7 +173,7 @@ fn rows(bins: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
     use whirlstand_logs::spectrum::welch;
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     fn of(signal: &[f64], period_s: f64) -> Spectrum {
         let mut sum = SpectrumSum::new(period_s);

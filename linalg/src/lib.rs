@@ -1,5 +1,5 @@
 //! Linear algebra: decompositions of dense matrices, each with a limit on its iterations and an error when it
-//! fails, and the equations that are solved with them.
+//! fails, the equations that are solved with them, and Fourier transforms.
 //!
 //! nalgebra's own `svd`, `symmetric_eigen` and `complex_eigenvalues` iterate until they converge, and there are
 //! matrices, a permutation among them, for which they never do. No other room calls them (`clippy.toml`). The
@@ -8,6 +8,7 @@
 mod balance;
 mod eigen;
 mod error;
+pub mod fft;
 mod lyapunov;
 mod qz;
 mod scale;

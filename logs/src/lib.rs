@@ -37,8 +37,6 @@ pub mod shown;
 pub mod spectrum;
 pub mod stats;
 pub mod stream;
-#[cfg(any(test, feature = "testing"))]
-pub mod testing;
 pub mod topics;
 pub mod ulog;
 mod wall_clock;

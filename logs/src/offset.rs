@@ -2,8 +2,7 @@
 
 use std::f64::consts::PI;
 
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use whirlstand_linalg::{C64, fft};
 
 use crate::resample::{Clock, onto};
 use crate::sampling::median_interval;
@@ -74,17 +73,16 @@ pub fn time_offset(a: &Series, b: &Series, max_lag_s: f64) -> Result<TimeOffset,
 
     // Zero-padding prevents circular correlation.
     let n = (2 * clock.points).next_power_of_two();
-    let mut planner = FftPlanner::new();
-    let spectrum = |values: &[f64], planner: &mut FftPlanner<f64>| {
-        let mut buffer: Vec<Complex<f64>> = values.iter().map(|v| Complex::new(*v, 0.0)).collect();
-        buffer.resize(n, Complex::default());
-        planner.plan_fft_forward(n).process(&mut buffer);
+    let spectrum = |values: &[f64]| {
+        let mut buffer: Vec<C64> = values.iter().map(|v| C64::new(*v, 0.0)).collect();
+        buffer.resize(n, C64::default());
+        fft::forward(n).process(&mut buffer);
         buffer
     };
-    let (fx, fy) = (spectrum(&x, &mut planner), spectrum(&y, &mut planner));
-    let cross: Vec<Complex<f64>> = fx.iter().zip(&fy).map(|(a, b)| a.conj() * b).collect();
+    let (fx, fy) = (spectrum(&x), spectrum(&y));
+    let cross: Vec<C64> = fx.iter().zip(&fy).map(|(a, b)| a.conj() * b).collect();
     let mut correlation = cross.clone();
-    planner.plan_fft_inverse(n).process(&mut correlation);
+    fft::inverse(n).process(&mut correlation);
     let scale = 1.0 / (n as f64 * (x_energy * y_energy).sqrt());
     let at = |lag: isize| correlation[lag.rem_euclid(n as isize) as usize].re * scale;
     let lags = lags as isize;
@@ -121,12 +119,12 @@ fn detrend(values: &mut [f64]) {
 }
 
 /// Greatest value of the band-limited correlation within one sample of `around`, by golden-section search.
-fn refine(cross: &[Complex<f64>], around: f64, sign: f64) -> (f64, f64) {
+fn refine(cross: &[C64], around: f64, sign: f64) -> (f64, f64) {
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
     let n = cross.len();
     let at = |lag: f64| {
-        let turn = Complex::from_polar(1.0, 2.0 * PI * lag / n as f64);
-        let mut phase = Complex::new(1.0, 0.0);
+        let turn = C64::from_polar(1.0, 2.0 * PI * lag / n as f64);
+        let mut phase = C64::new(1.0, 0.0);
         let mut sum = 0.5 * cross[0].re;
         for s in &cross[1..n / 2] {
             phase *= turn;

@@ -1,8 +1,7 @@
 //! Power spectral density by Welch's method, and its spectral lines.
 
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
 use serde::{Deserialize, Serialize};
+use whirlstand_linalg::{C64, fft};
 
 use crate::stats::{mean, median};
 
@@ -45,15 +44,15 @@ pub fn welch(signal: &[f64], period_s: f64) -> Spectrum {
         .map(|i| 0.5 - 0.5 * (2.0 * std::f64::consts::PI * i as f64 / length as f64).cos())
         .collect();
     let scale = period_s / window.iter().map(|w| w * w).sum::<f64>();
-    let fft = FftPlanner::new().plan_fft_forward(length);
-    let mut buffer = vec![Complex::new(0.0, 0.0); length];
+    let transform = fft::forward(length);
+    let mut buffer = vec![C64::new(0.0, 0.0); length];
     let mut density = vec![0.0; length / 2 + 1];
     let mut segments = 0;
     for start in (0..=signal.len() - length).step_by(length / 2) {
         for ((b, w), y) in buffer.iter_mut().zip(&window).zip(&signal[start..]) {
-            *b = Complex::new(w * (y - offset), 0.0);
+            *b = C64::new(w * (y - offset), 0.0);
         }
-        fft.process(&mut buffer);
+        transform.process(&mut buffer);
         for (d, b) in density.iter_mut().zip(&buffer) {
             *d += b.norm_sqr();
         }
@@ -136,7 +135,7 @@ pub fn peaks(spectrum: &Spectrum, most: usize) -> Vec<Peak> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::noise;
+    use whirlstand_test_harness::noise;
 
     fn tone(n: usize, dt: f64, f: f64, a: f64, noise_std: f64, seed: u64) -> Vec<f64> {
         let e = noise(n, seed);

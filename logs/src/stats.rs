@@ -115,7 +115,7 @@ pub fn chi_square_tail(x: f64, degrees: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::noise;
+    use whirlstand_test_harness::noise;
 
     /// Probability, degrees of freedom and the quantile by `scipy.stats.chi2.ppf`.
     const CHI_SQUARE_QUANTILES: [(f64, f64, f64); 5] = [

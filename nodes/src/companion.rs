@@ -1,6 +1,6 @@
 //! Messages that belong to a measurement but are published on another topic.
 
-use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_bus::{Bus, Carried, Subscriber};
 use whirlstand_msgs::Message;
 
 use crate::error::NodeError;
@@ -13,7 +13,7 @@ pub(crate) struct Companion<M: Message> {
     newest: Option<M>,
 }
 
-impl<M: Message> Companion<M> {
+impl<M: Carried> Companion<M> {
     pub(crate) fn open(bus: &Bus, wanted: bool, depth: usize) -> Result<Self, NodeError> {
         let subscriber = if wanted { Some(bus.subscriber(depth)?) } else { None };
         Ok(Self { subscriber, newest: None })

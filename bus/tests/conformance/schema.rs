@@ -43,6 +43,8 @@ macro_rules! imu_of_another_time {
                 &mut self.head
             }
         }
+
+        whirlstand_bus::carried!($type);
     };
 }
 

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use crate::thresholds::{DURATION_GROWTH, MIN_EVENT_TIMES};
 use rayon::prelude::*;
-use rustfft::num_complex::Complex;
-use rustfft::{Fft, FftPlanner};
+use whirlstand_linalg::C64;
+use whirlstand_linalg::fft::{self, Fft};
 
 use crate::candidates::library::{Candidate, Sizes, pulse, step};
 use crate::data::record::Data;
@@ -36,12 +36,11 @@ impl Grid {
         while 2 * every * MIN_EVENT_TIMES <= data.steps {
             every *= 2;
         }
-        let mut planner = FftPlanner::new();
         let channels = data.channels.iter().zip(data.ranges()).map(|(channel, range)| {
             let short = (2 * range.len()).div_ceil(every / channel.stride).next_power_of_two();
             Transform {
-                forward: planner.plan_fft_forward(short * (every / channel.stride)),
-                inverse: planner.plan_fft_inverse(short),
+                forward: fft::forward(short * (every / channel.stride)),
+                inverse: fft::inverse(short),
             }
         });
         Self { every, times: data.steps / every, channels: channels.collect() }
@@ -215,7 +214,7 @@ fn shifted(
     for (range, transform) in score_test.data().ranges().into_iter().zip(&grid.channels) {
         let of = |b: usize| if b == 0 { score_test.residual() } else { &basis[b - 1] };
         let of = (0..=basis.len()).into_par_iter().map(|b| transform.spectrum(&of(b)[range.clone()]));
-        let of: Vec<Vec<Complex<f64>>> = of.collect();
+        let of: Vec<Vec<C64>> = of.collect();
         all.par_iter_mut().zip(responses).for_each(|(sums, (_, response))| {
             let response = transform.spectrum(&response[range.clone()]);
             sums.iter_mut().zip(&of).for_each(|(sum, of)| sum.add(of, &response, transform));
@@ -230,11 +229,11 @@ fn shifted(
 
 impl Transform {
     /// Spectrum from 0 to half the sampling rate.
-    fn spectrum(&self, samples: &[f64]) -> Vec<Complex<f64>> {
+    fn spectrum(&self, samples: &[f64]) -> Vec<C64> {
         let length = self.forward.len();
-        let mut buffer: Vec<Complex<f64>> = Vec::with_capacity(length);
-        buffer.extend(samples.iter().map(|v| Complex::new(*v, 0.0)));
-        buffer.resize(length, Complex::new(0.0, 0.0));
+        let mut buffer: Vec<C64> = Vec::with_capacity(length);
+        buffer.extend(samples.iter().map(|v| C64::new(*v, 0.0)));
+        buffer.resize(length, C64::new(0.0, 0.0));
         self.forward.process(&mut buffer);
         buffer.truncate(length / 2 + 1);
         buffer.shrink_to_fit();
@@ -243,7 +242,7 @@ impl Transform {
 }
 
 /// A spectrum with its inverse transform. Only values at the grid times are needed: times in between may alias.
-type Folded = (Vec<Complex<f64>>, Arc<dyn Fft<f64>>);
+type Folded = (Vec<C64>, Arc<dyn Fft<f64>>);
 
 /// Products of samples with a response that begins at each time of the grid, summed over the channels; 0 at the
 /// grid's end.
@@ -260,12 +259,12 @@ impl<'g> Products<'g> {
     }
 
     /// Adds a channel, given by its spectra.
-    fn add(&mut self, of: &[Complex<f64>], response: &[Complex<f64>], transform: &Transform) {
+    fn add(&mut self, of: &[C64], response: &[C64], transform: &Transform) {
         let (length, short) = (transform.forward.len(), transform.inverse.len());
         if self.folded.as_ref().is_some_and(|(folded, _)| folded.len() != short) {
             self.transform_back();
         }
-        let new = || (vec![Complex::new(0.0, 0.0); short], Arc::clone(&transform.inverse));
+        let new = || (vec![C64::new(0.0, 0.0); short], Arc::clone(&transform.inverse));
         let (folded, _) = self.folded.get_or_insert_with(new);
         let scale = 2.0 / length as f64;
         let edge = |k: usize| k == 0 || 2 * k == length;

@@ -2,8 +2,7 @@
 
 use crate::thresholds::{MIN_PERIODS, TONE_POWER_RATIO, TONES_FOLLOWED};
 use rayon::prelude::*;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use whirlstand_linalg::{C64, fft};
 use whirlstand_vehicle::Kind;
 
 use crate::candidates::library::{Candidate, Sizes, tone};
@@ -67,12 +66,12 @@ fn lines(samples: &[f64], period_s: f64) -> Vec<(f64, f64)> {
     // Hann's window keeps a strong tone, or a drift, from leaking over all the others; padding to twice the length
     // lets no tone fall between two frequencies.
     let length = (2 * n).next_power_of_two();
-    let mut buffer: Vec<Complex<f64>> = vec![Complex::new(0.0, 0.0); length];
+    let mut buffer: Vec<C64> = vec![C64::new(0.0, 0.0); length];
     for (k, (b, y)) in buffer.iter_mut().zip(samples).enumerate() {
         let w = 0.5 - 0.5 * (std::f64::consts::TAU * (k as f64 + 0.5) / n as f64).cos();
         b.re = w * y;
     }
-    FftPlanner::new().plan_fft_forward(length).process(&mut buffer);
+    fft::forward(length).process(&mut buffer);
     let power: Vec<f64> = buffer[..length / 2].iter().map(|c| c.norm_sqr()).collect();
     let bin = length as f64 / n as f64;
     let lowest = (MIN_PERIODS * bin).ceil() as usize;

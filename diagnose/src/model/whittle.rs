@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 
 use nalgebra::{Complex, DMatrix, DVector};
-use rustfft::FftPlanner;
+use whirlstand_linalg::fft;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::Data;
@@ -51,7 +51,7 @@ pub(crate) fn cross(data: &Data, residual: &[f64]) -> Option<Cross> {
     let window: Vec<f64> =
         (0..length).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / length as f64).cos()).collect();
     let scale = 2.0 * data.period_s / window.iter().map(|w| w * w).sum::<f64>();
-    let fft = FftPlanner::new().plan_fft_forward(length);
+    let fft = fft::forward(length);
     let bins = length / 2;
     let mut s = vec![DMatrix::<C>::zeros(channels.len(), channels.len()); bins - 2];
     let mut segments = 0.0;

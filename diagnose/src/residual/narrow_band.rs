@@ -9,9 +9,7 @@ use crate::thresholds::{
     ABOVE_VEHICLE_RATIO, LINE_HEIGHT, LINE_REACH, LINE_RESIDUAL_SHARE, LINES_EXAMINED, SAME_LINE_SHARE,
     STEADY_SIGMAS, SURROUNDINGS_REACH,
 };
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
-use whirlstand_linalg::spectral_radius;
+use whirlstand_linalg::{C64, fft, spectral_radius};
 use whirlstand_vehicle::{Kind, Vehicle, Vibration};
 
 use crate::data::record::Data;
@@ -132,16 +130,15 @@ fn lines(residual: &[f64], period_s: f64, lowest_hz: f64) -> Vec<NarrowBand> {
 /// independent, and the ratio of N of them scatters about 2 with a variance of 4 / N.
 fn is_steady(residual: &[f64], frequency: f64) -> bool {
     let n = residual.len();
-    let mut buffer: Vec<Complex<f64>> = residual.iter().map(|v| Complex::new(*v, 0.0)).collect();
-    let mut planner = FftPlanner::new();
-    planner.plan_fft_forward(n).process(&mut buffer);
+    let mut buffer: Vec<C64> = residual.iter().map(|v| C64::new(*v, 0.0)).collect();
+    fft::forward(n).process(&mut buffer);
     let reach = 2.0 * LINE_REACH;
     for (k, b) in buffer.iter_mut().enumerate() {
         if (k as f64 / n as f64 - frequency).abs() > reach {
-            *b = Complex::new(0.0, 0.0);
+            *b = C64::new(0.0, 0.0);
         }
     }
-    planner.plan_fft_inverse(n).process(&mut buffer);
+    fft::inverse(n).process(&mut buffer);
     let power: Vec<f64> = buffer.iter().map(|b| b.norm_sqr()).collect();
     let (first, second) = (mean(&power), mean(&power.iter().map(|p| p * p).collect::<Vec<_>>()));
     let independent = 2.0 * reach * n as f64;

@@ -82,7 +82,7 @@ pub fn recovery(t: &[f64], y: &[f64], wanted: Option<&[f64]>, at_s: f64, until_s
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     /// Impulse response of `1 / (s^2 + 2 z w s + w^2)`.
     fn impulse(z: f64, w: f64, t: f64) -> f64 {

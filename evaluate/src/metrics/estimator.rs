@@ -196,8 +196,8 @@ impl ConsistencySum {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_logs::testing::noise;
     use whirlstand_msgs::{Head, Message};
+    use whirlstand_test_harness::noise;
 
     /// Consistency until `until_s` of a filter that claims `1 + 5 exp(-t)` and whose innovations have `scale` times their
     /// claimed size.

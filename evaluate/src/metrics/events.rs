@@ -217,7 +217,7 @@ impl SetpointSteps {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     fn onsets(rows: &[(f64, f64)]) -> Vec<DisturbanceEvent> {
         let mut changes = Changes::default();

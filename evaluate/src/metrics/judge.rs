@@ -168,7 +168,7 @@ impl Judge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     /// Steps every 20 s of a first-order lag with noise.
     fn record(seconds: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {

@@ -77,7 +77,7 @@ fn first_crossing(t: &[f64], progress: &[f64], level: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     /// Unit step response of `w^2 / (s^2 + 2 z w s + w^2)` at time `t`.
     fn second_order(z: f64, w: f64, t: f64) -> f64 {

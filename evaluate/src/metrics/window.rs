@@ -109,7 +109,7 @@ pub(crate) fn last_exit(t: &[f64], error: &[f64], band: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     use super::*;
 

@@ -127,7 +127,7 @@ fn filled(residual: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     #[test]
     fn a_slow_sensor_is_judged_at_its_own_rate() {

@@ -142,7 +142,7 @@ pub fn compare(first: &[f64], second: &[f64]) -> Option<Comparison> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use whirlstand_logs::testing::noise;
+    use whirlstand_test_harness::noise;
 
     /// A first-order motion driven by an input and by noise, or by noise alone.
     fn flight(gain: f64, seed: u64) -> Segment {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use whirlstand_logs::testing::noise;
+use whirlstand_test_harness::noise;
 use whirlstand_vehicle::{Matrix, Simulator, Target, Vehicle};
 
 use super::{Choice, Draft, DraftError, Names, draft};

@@ -8,7 +8,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{Complex, DMatrix, DVector};
-use rustfft::FftPlanner;
+use whirlstand_linalg::fft;
 
 type C64 = Complex<f64>;
 
@@ -65,7 +65,7 @@ struct Spectra {
 impl Spectra {
     /// Sums the periodograms of all half-overlapping windows of `window` samples; `m` is the number of inputs.
     fn accumulate(inputs: &[Vec<Vec<f64>>], output: &[Vec<f64>], m: usize, window: usize) -> Self {
-        let fft = FftPlanner::new().plan_fft_forward(window);
+        let fft = fft::forward(window);
         let hann: Vec<f64> =
             (0..window).map(|k| 0.5 - 0.5 * (TAU * (k as f64 + 0.5) / window as f64).cos()).collect();
         let transform = |part: &[f64]| -> Vec<C64> {

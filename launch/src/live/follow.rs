@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use whirlstand_bus::{Bus, MAX_DEPTH, RecvError, Subscriber};
+use whirlstand_bus::{Bus, Carried, MAX_DEPTH, RecvError, Subscriber};
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Health, Imu, Message, NodeState,
     Odometry, Outputs, Progress, Reported, Sent, Setpoint, Stick, Truth,
@@ -81,7 +81,7 @@ pub(crate) fn follow(
     )
 }
 
-fn follow_type<M: Message>(
+fn follow_type<M: Carried>(
     card: &BenchCard,
     topic: &str,
     show: &mut impl FnMut(&Shown<'_>) -> Result<ControlFlow<()>, Failure>,
@@ -99,7 +99,7 @@ fn follow_type<M: Message>(
 }
 
 /// Receives messages until the end, or until `patience` is over without a message.
-fn listen<M: Message>(
+fn listen<M: Carried>(
     bus: &Bus,
     card: &BenchCard,
     topic: &str,

@@ -13,6 +13,7 @@ use super::throughput::ring;
 use super::witness::{self, Standstill, Witnesses, stood_still};
 use super::{BenchError, Figure, Member, Options};
 use crate::config::{Mode, RealtimeOptions, Role};
+use crate::os::available_cpus;
 
 /// Steps per second.
 const RATE: f64 = 1000.0;
@@ -25,8 +26,15 @@ pub(super) fn realtime(options: &Options) -> Result<Vec<Figure>, BenchError> {
     let steps = (options.realtime_seconds * RATE) as u64 + 1;
     let mut config = config("realtime", Transport::Iceoryx2, Mode::Realtime, steps)?;
     if let Some(priority) = options.priority {
-        let asked = RealtimeOptions { priority: Some(priority), cpus: Vec::new(), lock_memory: true };
-        config.realtime = [Role::Plant, Role::Estimator, Role::Controller].map(|r| (r, asked.clone())).into();
+        // The nodes of a step take turns. On one CPU a turn passes by switching threads, on several by waking a CPU
+        // that has nothing else to do, which takes longer.
+        let shared = available_cpus().last().copied();
+        let roles = [Role::Plant, Role::Estimator, Role::Controller].into_iter().enumerate();
+        let asked = |(place, role)| {
+            let cpus = options.cpus.get(place).copied().or(shared).into_iter().collect();
+            (role, RealtimeOptions { priority: Some(priority), cpus, lock_memory: true })
+        };
+        config.realtime = roles.map(asked).collect();
     }
     let lap_us = ring(options, Transport::Iceoryx2, true)? * 1e6;
     let roles = [Role::Estimator, Role::Controller, Role::Plant];

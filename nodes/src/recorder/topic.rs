@@ -1,6 +1,6 @@
 //! Topics of the loop, from the bus into the log.
 
-use whirlstand_bus::{Bus, Subscriber};
+use whirlstand_bus::{Bus, Carried, Subscriber};
 use whirlstand_logs::{BenchMessage, Channel};
 use whirlstand_msgs::{
     Adjustment, Autopilot, Command, Disturbance, Estimate, Finding, Head, Imu, Message, Odometry, Outputs,
@@ -40,7 +40,7 @@ impl First {
     }
 }
 
-impl<M: Message> Topic<M>
+impl<M: Carried> Topic<M>
 where
     BenchMessage: From<M>,
 {

@@ -12,6 +12,7 @@
 //! check whether the process was started as a child of a test. Every option of the standard harness works.
 
 mod betaflight;
+mod noise;
 mod prerequisite;
 mod undisturbed;
 
@@ -20,6 +21,7 @@ use std::process::ExitCode;
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
 pub use betaflight::{Betaflight, betaflight_sitl};
+pub use noise::noise;
 pub use prerequisite::{Missing, browser, data, python, python_with};
 pub use undisturbed::{in_real_time, undisturbed, wait_for_rest};
 
@@ -61,14 +63,27 @@ impl IntoOutcome for Outcome {
     }
 }
 
-/// Runs the tests that the command line selects.
+/// Runs the tests that the command line selects, as many at a time as there are processors.
 pub fn run(tests: Vec<Test>) -> ExitCode {
+    run_with(tests, &Arguments::from_args())
+}
+
+/// Runs tests that wait for most of their time, for a flight in real time or a time limit to end: twice as many at a time
+/// as there are processors, unless the command line says otherwise.
+pub fn run_waiting(tests: Vec<Test>) -> ExitCode {
+    let mut arguments = Arguments::from_args();
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    arguments.test_threads.get_or_insert(2 * processors);
+    run_with(tests, &arguments)
+}
+
+fn run_with(tests: Vec<Test>, arguments: &Arguments) -> ExitCode {
     let in_ci = std::env::var_os("CI").is_some_and(|value| !value.is_empty());
     let trials = tests
         .into_iter()
         .map(|Test { name, body }| Trial::ignorable_test(name, move || judged(undisturbed(body), in_ci)))
         .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
+    libtest_mimic::run(arguments, trials).exit_code()
 }
 
 fn judged(outcome: Outcome, in_ci: bool) -> Result<Completion, Failed> {
@@ -87,6 +102,16 @@ macro_rules! tests {
     ($($test:path),+ $(,)?) => {
         fn main() -> ::std::process::ExitCode {
             $crate::run(vec![$($crate::Test::new(stringify!($test), $test)),+])
+        }
+    };
+}
+
+/// As [`tests!`](crate::tests), for tests that mostly wait: see [`run_waiting`].
+#[macro_export]
+macro_rules! waiting_tests {
+    ($($test:path),+ $(,)?) => {
+        fn main() -> ::std::process::ExitCode {
+            $crate::run_waiting(vec![$($crate::Test::new(stringify!($test), $test)),+])
         }
     };
 }

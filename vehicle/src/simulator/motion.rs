@@ -5,14 +5,12 @@ use super::nonlinear::Work;
 use super::{Dynamics, LARGEST, Simulator};
 
 impl Simulator {
-    /// Advances to the next step under the input in force.
-    #[inline]
+    /// Advances to the next step under the input in force. Not inlined: its kernels are compiled here alone.
     pub fn advance(&mut self) {
         self.advance_motion();
         self.disturbances.advance(self.step);
     }
 
-    #[inline]
     pub(super) fn advance_motion(&mut self) {
         match self.z.len() {
             4 => self.advance_fixed::<4>(),
@@ -28,7 +26,6 @@ impl Simulator {
         }
     }
 
-    #[inline]
     fn advance_fixed<const N: usize>(&mut self) {
         let Some(mut z) = self.z.first_chunk::<N>().copied() else { return };
         let mut work = Work::like(&z);

@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 use serde_json::json;
-use whirlstand_bus::WaitStrategy;
+use whirlstand_bus::{WaitStrategy, open_session};
 use zenoh::Wait;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::qos::CongestionControl;
@@ -42,16 +42,16 @@ fn failed(action: &'static str, error: impl std::fmt::Display) -> NodeError {
     NodeError::System { action, source: std::io::Error::other(error.to_string()) }
 }
 
-/// Configuration as for `rmw_zenoh` sessions: a peer that finds others through the router to which it
+/// Settings as for `rmw_zenoh` sessions: a peer that finds others through the router to which it
 /// connects.
-fn configuration(options: &Ros2Options) -> Result<zenoh::Config, NodeError> {
+fn settings(options: &Ros2Options) -> serde_json::Value {
     // As on the bus: in lockstep no message is lost to a temporarily slow peer, in real time no sender waits.
     let congestion = match options.mode {
         Mode::Lockstep => WaitStrategy::lockstep(),
         Mode::Realtime => WaitStrategy::realtime(),
     }
     .congestion;
-    let settings = json!({
+    json!({
         "mode": "peer",
         "connect": { "endpoints": options.connect, "timeout_ms": -1, "exit_on_failure": false },
         "listen": { "endpoints": options.listen },
@@ -60,16 +60,13 @@ fn configuration(options: &Ros2Options) -> Result<zenoh::Config, NodeError> {
         "transport": { "link": { "tx": { "queue": { "congestion_control": {
             "drop": { "wait_before_drop": congestion.as_micros() as u64 },
         } } } } },
-    });
-    zenoh::Config::from_json5(&settings.to_string())
-        .map_err(|e| failed("configure a Zenoh session with ROS 2", e))
+    })
 }
 
 impl Ros {
     pub(super) fn open(options: &Ros2Options) -> Result<Self, NodeError> {
-        let session = zenoh::open(configuration(options)?)
-            .wait()
-            .map_err(|e| failed("open a Zenoh session with ROS 2", e))?;
+        let session =
+            open_session(&settings(options)).map_err(|e| failed("open a Zenoh session with ROS 2", e))?;
         let node = declare(&session, options.node.token(&session.zid().to_string()))?;
         let (sender, commands) = sync_channel(WAITING);
         let received = options.controls.then(|| subscribe(&session, options, sender)).transpose()?;
