@@ -106,6 +106,11 @@ impl WaitStrategy {
             congestion: Duration::from_millis(1),
         }
     }
+
+    /// Strategy for real time on a CPU that the awaited node has too: gives way at once.
+    pub fn taking_turns() -> Self {
+        Self { give_way: true, spin: 0, ..Self::realtime() }
+    }
 }
 
 impl Default for WaitStrategy {

@@ -22,6 +22,9 @@ use crate::ready::get_ready;
 use crate::recorder::{POLL_PERIOD, POLL_PERIOD_REALTIME, Recorder};
 use crate::setup::Setup;
 
+/// Longest time for which a report waits after an answer: a small part of the time between reports.
+const LONGEST_PAUSE: Duration = Duration::from_millis(10);
+
 /// Runs a node until its end: the plant until the last step, the others until `SIGTERM`.
 ///
 /// # Errors
@@ -43,6 +46,10 @@ pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Resul
     }
     let setup = Setup::new(config)?;
     let bus = Bus::open(&Setup::bus_config(config, role))?;
+    let pause = match config.mode {
+        Mode::Lockstep => Duration::ZERO,
+        Mode::Realtime => Duration::from_nanos(config.period_ns / 2).min(LONGEST_PAUSE),
+    };
     match role {
         Role::Plant => {
             let mut plant = Plant::open(&bus, config, &setup)?;
@@ -52,18 +59,18 @@ pub fn run_node_until(role: Role, config: &NodeConfig, stop: &StopFlag) -> Resul
         Role::Estimator => {
             let node = Estimator::open(&bus, config, &setup)?;
             get_ready(role, config, &bus, &[])?;
-            run_follower(&bus, node, stop)
+            run_follower(&bus, node, pause, stop)
         }
         Role::Controller => match config.bridge.as_ref().and_then(AutopilotConfig::of) {
             Some(autopilot) => {
                 let node = Hil::open(&bus, config, &setup, &autopilot)?;
                 get_ready(role, config, &bus, &[])?;
-                run_follower(&bus, node, stop)
+                run_follower(&bus, node, pause, stop)
             }
             None => {
                 let node = Controller::open(&bus, config, &setup)?;
                 get_ready(role, config, &bus, &[])?;
-                run_follower(&bus, node, stop)
+                run_follower(&bus, node, pause, stop)
             }
         },
         Role::Recorder => {
@@ -117,17 +124,29 @@ pub(crate) fn run_plant(bus: &Bus, plant: &mut Plant, stop: &StopFlag) -> Result
     }
 }
 
-fn run_follower(bus: &Bus, mut node: impl Follower, stop: &StopFlag) -> Result<Health, NodeError> {
+/// Runs a follower, whose reports are published not earlier than `pause` after an answer, while nobody with whom it may
+/// share a CPU is at work. A report that is late by twice as much is published at once.
+fn run_follower(
+    bus: &Bus,
+    mut node: impl Follower,
+    pause: Duration,
+    stop: &StopFlag,
+) -> Result<Health, NodeError> {
     let mut clock = Clock::exact();
+    let mut answered = clock.last();
     while !stop.is_set() {
-        let worked = bus.wait_until(node.wake_at(), || {
+        let wake = node.wake_at();
+        let wake = if node.is_due(wake) { wake.max(answered + pause) } else { wake };
+        let worked = bus.wait_until(wake, || {
             if node.is_starting() {
                 node.housekeeping(Instant::now())?;
             }
             Ok::<_, NodeError>(node.turn(&mut clock)? == Turn::Worked || stop.is_set())
         })?;
         // The answer's own time stamp shows whether a report is due; the clock need not be read again.
-        if !worked || node.is_starting() || node.is_due(clock.last()) {
+        answered = if worked { clock.last() } else { answered };
+        let late = answered.checked_sub(2 * pause).is_some_and(|time| node.is_due(time));
+        if !worked || node.is_starting() || late {
             node.housekeeping(Instant::now())?;
         }
     }

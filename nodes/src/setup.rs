@@ -1,12 +1,13 @@
 //! Data that every node derives from the configuration before it opens a port.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use whirlstand_bus::{BusConfig, WaitStrategy};
 use whirlstand_control::SampledPlant;
 use whirlstand_vehicle::{LinearModel, Vehicle};
 
-use crate::config::{Mode, NodeConfig, Role, SignalChange, VehicleSource};
+use crate::config::{Mode, NodeConfig, RealtimeOptions, Role, SignalChange, VehicleSource};
 use crate::error::NodeError;
 use crate::gate::InputLimits;
 use crate::signals::{OutputMap, input_limits};
@@ -108,10 +109,21 @@ impl Setup {
             zenoh: config.zenoh.clone(),
             wait: match config.mode {
                 Mode::Lockstep => WaitStrategy::lockstep(),
+                Mode::Realtime if shares_cpu(&config.realtime, role) => WaitStrategy::taking_turns(),
                 Mode::Realtime => WaitStrategy::realtime(),
             },
         }
     }
+}
+
+/// True when the node runs on one CPU, which another node has too: while it polls there, the other cannot answer.
+fn shares_cpu(realtime: &BTreeMap<Role, RealtimeOptions>, role: Role) -> bool {
+    let cpu = |options: &RealtimeOptions| match options.cpus[..] {
+        [cpu] => Some(cpu),
+        _ => None,
+    };
+    let Some(own) = realtime.get(&role).and_then(cpu) else { return false };
+    realtime.iter().any(|(other, options)| *other != role && cpu(options) == Some(own))
 }
 
 /// First step at which something that begins at `at_s` is in force: the first whose time is not before it. A
@@ -172,5 +184,18 @@ mod tests {
         assert_eq!(step_at(6.0, 5_000_000), 1200);
         assert_eq!(step_at(0.1 + 0.2, 100_000_000), 3, "rounding does not cost a step");
         assert_eq!(step_at(0.0051, 5_000_000), 2);
+    }
+
+    #[test]
+    fn turns_are_taken_on_a_cpu_that_two_nodes_have_alone() {
+        let on = |cpus: &[usize]| RealtimeOptions { cpus: cpus.to_vec(), ..RealtimeOptions::default() };
+        let nodes = |cpus: [&[usize]; 3]| -> BTreeMap<Role, RealtimeOptions> {
+            [Role::Plant, Role::Estimator, Role::Controller].into_iter().zip(cpus.map(on)).collect()
+        };
+        let shared = nodes([&[1], &[1], &[0]]);
+        assert!(shares_cpu(&shared, Role::Plant) && shares_cpu(&shared, Role::Estimator));
+        assert!(!shares_cpu(&shared, Role::Controller) && !shares_cpu(&shared, Role::Recorder));
+        let free = nodes([&[0, 1], &[0, 1], &[]]);
+        assert!(!shares_cpu(&free, Role::Plant) && !shares_cpu(&free, Role::Controller));
     }
 }

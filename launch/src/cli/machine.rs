@@ -30,14 +30,14 @@ pub(crate) struct BenchArgs {
     /// Number of repetitions of each throughput measurement.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     pub repeat: u32,
-    /// Length of the realtime measurement, in seconds or with a unit.
+    /// Length of each of the two flights of the realtime measurement, in seconds or with a unit.
     #[arg(long, value_name = "TIME", value_parser = seconds, default_value_t = 10.0)]
     pub realtime_seconds: f64,
     /// SCHED_FIFO priority of the realtime measurement [default: none]
     #[arg(long, value_name = "P", value_parser = priority, allow_negative_numbers = true)]
     pub priority: Option<u8>,
-    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the reference ring [default: the
-    /// scheduler decides]
+    /// CPUs of plant, estimator and controller in the lockstep and the realtime measurement, and of the reference ring
+    /// [default: the scheduler decides; the last CPU for a realtime measurement with a priority]
     #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
     pub cpus: Vec<usize>,
     #[command(flatten)]

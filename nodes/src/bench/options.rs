@@ -23,12 +23,13 @@ pub struct Options {
     pub seconds: f64,
     /// Number of repetitions of each throughput measurement; the median counts, and all are reported.
     pub repeat: u32,
-    /// Length of the real-time measurement, s.
+    /// Length of each flight of the real-time measurement, s.
     pub realtime_seconds: f64,
     /// SCHED_FIFO priority of the real-time measurement; `None` for ordinary scheduling.
     pub priority: Option<u8>,
-    /// CPUs of plant, estimator and controller in the lockstep measurement, and of the ring's positions in
-    /// its reference; empty: the scheduler decides.
+    /// CPUs of plant, estimator and controller in the lockstep and the realtime measurement, and of the ring's
+    /// positions in its reference; empty: the scheduler decides, and for a realtime measurement with a priority it
+    /// is the last CPU.
     pub cpus: Vec<usize>,
     /// Program and arguments that start a `Member`.
     pub member: Vec<String>,

@@ -167,8 +167,10 @@ impl Plant {
         let Some(deadline) = self.deadline() else { return Ok(()) };
         self.take_commands(clock)?;
         self.origin.0 += self.missed.overrun(deadline, self.period_ns) * self.period_ns;
+        let was_answered = self.answered;
         self.advance(clock, false)?;
-        if self.peers.is_due(self.waiting.since()) { self.report(self.waiting.since()) } else { Ok(()) }
+        // A report is published after an answer, when nobody waits for the plant; without one, after the measurement.
+        if was_answered { Ok(()) } else { self.housekeeping(self.waiting.since()) }
     }
 
     /// Ends the run normally after the last published step.
@@ -219,7 +221,11 @@ impl Plant {
         let had = self.answered;
         self.take_commands(clock)?;
         if self.mode == Mode::Realtime {
-            return Ok(if self.answered && !had { Turn::Worked } else { Turn::Idle });
+            if had || !self.answered {
+                return Ok(Turn::Idle);
+            }
+            self.housekeeping(clock.last())?;
+            return Ok(Turn::Worked);
         }
         let now = clock.now();
         self.housekeeping(now)?;
