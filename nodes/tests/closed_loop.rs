@@ -4,7 +4,7 @@ mod common;
 
 use std::time::{Duration, Instant};
 
-use whirlstand_bus::{Bus, BusConfig, RecvError, Subscriber, Transport};
+use whirlstand_bus::{Bus, BusConfig, Carried, RecvError, Subscriber, Transport};
 use whirlstand_msgs::{Command, Estimate, Imu, Message, Setpoint, Truth, flags};
 use whirlstand_nodes::clock::{Clock, Turn};
 use whirlstand_nodes::config::{EstimatorKind, LawKind, Mode, NodeConfig};
@@ -22,7 +22,7 @@ struct RecordedTopic<M: Message> {
     bytes: Vec<u8>,
 }
 
-impl<M: Message> RecordedTopic<M> {
+impl<M: Carried> RecordedTopic<M> {
     fn new(bus: &Bus) -> Self {
         Self { subscriber: bus.subscriber(512).unwrap(), bytes: Vec::new() }
     }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use whirlstand_bus::{Bus, RecvError, Transport, WaitStrategy};
+use whirlstand_bus::{Bus, Carried, RecvError, Transport, WaitStrategy};
 use whirlstand_msgs::{
     Command, Disturbance, Estimate, Health, Imu, Message, Odometry, Outputs, Progress, Setpoint, Truth,
 };
@@ -17,7 +17,7 @@ fn full<M: Message>(seq: u64) -> M {
     message
 }
 
-fn round_trip<M: Message>(here: &Bus, there: &Bus) {
+fn round_trip<M: Carried>(here: &Bus, there: &Bus) {
     let mut subscriber = there.subscriber::<M>(4).unwrap();
     let mut publisher = here.publisher::<M>().unwrap();
     until_heard(here, &mut publisher);

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
-use whirlstand_bus::{Bus, MAX_DEPTH, OpenError, RecvError, Transport};
+use whirlstand_bus::{Bus, Carried, MAX_DEPTH, OpenError, RecvError, Transport};
 use whirlstand_msgs::{Field, Head, Imu, Message};
 
 use crate::stage::{PATIENCE, Stage, at, next, until_heard};
@@ -81,7 +81,7 @@ pub fn another_version_of_a_message_is_refused(transport: Transport) {
     assert_eq!(next(&here, &mut subscriber).head.step, 5);
 }
 
-fn refused_on_opening<M: Message>(there: &Bus) {
+fn refused_on_opening<M: Carried>(there: &Bus) {
     for error in [there.publisher::<M>().err(), there.subscriber::<M>(8).err()] {
         let error = error.unwrap();
         assert!(matches!(error, OpenError::Schema { .. }), "{error}");
@@ -89,7 +89,7 @@ fn refused_on_opening<M: Message>(there: &Bus) {
     }
 }
 
-fn refused_on_arrival<M: Message>(here: &Bus, there: &Bus, subscriber: &mut whirlstand_bus::Subscriber<Imu>) {
+fn refused_on_arrival<M: Carried>(here: &Bus, there: &Bus, subscriber: &mut whirlstand_bus::Subscriber<Imu>) {
     let mut publisher = there.publisher::<M>().unwrap();
     until_heard(there, &mut publisher);
     publisher.send(&at(5)).unwrap();
