@@ -12,11 +12,11 @@ use std::time::Instant;
 use serde_json::Value;
 use support::bench::{all_ready, gone, residue, signal, unique};
 use support::{FAULTS_ALLOWED, HUNG, Running, json, run, spawn, whirlstand};
-use whirlstand_test_harness::{Missing, Outcome, waiting_tests};
+use whirlstand_test_harness::{Missing, Outcome, tests};
 
 const NODES: [&str; 4] = ["recorder", "estimator", "controller", "plant"];
 
-waiting_tests![
+tests![
     the_next_start_removes_what_five_killed_benches_left,
     clean_lists_then_removes_and_leaves_live_benches_alone,
     keys_of_a_killed_bench_are_listed_and_removed,

@@ -7,9 +7,10 @@ use std::time::{Duration, Instant};
 
 use whirlstand_msgs::Message;
 
+use crate::carried::{Carried, Carrier, Place};
 use crate::config::check_name;
 use crate::park::{Region, TopicBit};
-use crate::ports::{Carried, Carrier, Place, PublisherPort, SubscriberPort};
+use crate::port::{PublisherPort, SubscriberPort};
 use crate::{
     BusConfig, LauncherToken, MAX_DEPTH, OpenError, RecvError, SendError, Transport, WaitStrategy, inproc,
     network, shared_memory,

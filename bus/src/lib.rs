@@ -35,6 +35,7 @@
 
 mod authority;
 mod bus;
+mod carried;
 mod config;
 mod error;
 mod inproc;
@@ -45,7 +46,7 @@ mod network;
 mod network_keys;
 mod network_settings;
 mod park;
-mod ports;
+mod port;
 mod presence;
 mod protection;
 mod residue;
@@ -58,13 +59,13 @@ mod transport;
 
 pub use authority::{Authority, AuthorityError};
 pub use bus::{Bus, Publisher, Subscriber};
+pub use carried::{Carried, OpenPublisher, OpenSubscriber, Place};
 pub use config::{BusConfig, MAX_NAME, WaitStrategy, ZenohConfig, check_bench_name};
 pub use error::{OpenError, RecvError, Refusal, ResidueError, SendError};
 pub use launcher::LauncherToken;
 pub use lock_file::open_lock_file;
 pub use network_keys::{key_expression, spoken_key};
 pub use network_settings::{over_tls, zenoh_configuration};
-pub use ports::{Carried, OpenPublisher, OpenSubscriber, Place};
 pub use protection::{Identity, Member, ONE_THREAD, Protection, Writes};
 pub use residue::{Residue, StaleBench, remove_residue, stale_benches};
 pub use session::{SessionError, open_session};

@@ -25,7 +25,7 @@ use crate::lost::LostCounter;
 use crate::network_keys::{key_expression, spoken_key};
 use crate::network_settings::{fix_ports, has_tls, settings};
 use crate::park::{Region, TopicBit};
-use crate::ports::{PublisherPort, SubscriberPort};
+use crate::port::{PublisherPort, SubscriberPort};
 use crate::session::{SessionError, open_session};
 use crate::{BusConfig, ONE_THREAD, OpenError, RecvError, Refusal, SendError, Transport};
 

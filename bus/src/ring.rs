@@ -14,7 +14,7 @@ use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::{LogLevel, ServiceName, SignalHandlingMode, ipc, set_log_level_from_env_or};
 use whirlstand_msgs::{Command, Estimate, Imu, Message};
 
-use crate::ports::Carried;
+use crate::carried::Carried;
 use crate::shared_memory::Shared;
 use crate::shared_memory_config::config;
 use crate::{Bus, BusConfig, OpenError, Publisher, Subscriber};

@@ -27,7 +27,7 @@ use whirlstand_msgs::Message;
 
 use crate::lost::LostCounter;
 use crate::park::Region;
-use crate::ports::{PublisherPort, SubscriberPort};
+use crate::port::{PublisherPort, SubscriberPort};
 use crate::presence::Presence;
 use crate::shared_memory_config::{
     MAX_BORROWED, MAX_DEPTH, MAX_PUBLISHERS, MAX_SUBSCRIBERS, SHARED_MEMORY, config, prefix, root_path,

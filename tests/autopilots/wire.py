@@ -2,6 +2,7 @@
 wait to be carried, as in the driver at its end. A pseudo-terminal alone carries everything at once, whatever its baud rate.
 """
 
+import contextlib
 import os
 import socket
 import threading
@@ -83,9 +84,13 @@ class Line:
         tty.setraw(self.held)
         self.mine, self.far = socket.socketpair()
         self.wire = Wire(self.master, self.far.fileno(), baud, bits)
+        self.name = name
         os.symlink(os.ttyname(self.held), name)
 
     def close(self):
+        # The name goes first: the system gives the terminal's number to the next who asks for one.
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(self.name)
         self.wire.end()
         for end in (self.mine, self.far):
             end.close()

@@ -6,23 +6,8 @@ use whirlstand_msgs::{
     Progress, Reported, Sent, Setpoint, Stick, Truth,
 };
 
-use crate::{OpenError, RecvError, SendError, network, shared_memory};
-
-/// Sends messages of one type to other processes.
-pub(crate) trait PublisherPort<M> {
-    /// Sends the message with a sequence number.
-    fn send(&mut self, topic: &str, message: &M, seq: u64) -> Result<(), SendError>;
-    /// True when the topic has a subscriber now.
-    fn has_subscribers(&self, topic: &str) -> Result<bool, SendError>;
-}
-
-/// Receives messages of one type from other processes.
-pub(crate) trait SubscriberPort<M> {
-    /// The oldest waiting message.
-    fn try_recv(&mut self, topic: &str) -> Result<Option<M>, RecvError>;
-    /// Number of messages that will never be received.
-    fn lost(&self) -> u64;
-}
+use crate::port::{PublisherPort, SubscriberPort};
+use crate::{OpenError, network, shared_memory};
 
 /// A message type that a bus carries: all those of `whirlstand_msgs`, and others by [`carried!`](crate::carried).
 pub trait Carried: Message {
