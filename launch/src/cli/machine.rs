@@ -36,8 +36,8 @@ pub(crate) struct BenchArgs {
     /// SCHED_FIFO priority of the realtime measurement [default: none]
     #[arg(long, value_name = "P", value_parser = priority, allow_negative_numbers = true)]
     pub priority: Option<u8>,
-    /// CPUs of plant, estimator and controller in the lockstep and the realtime measurement, and of the reference ring
-    /// [default: the scheduler decides; the last CPU for a realtime measurement with a priority]
+    /// CPUs of plant, estimator and controller in the lockstep measurement and in a realtime one with a priority, and of
+    /// the reference ring [default: the scheduler decides; with a priority the last CPU]
     #[arg(long, value_name = "CPU,CPU,CPU", value_delimiter = ',')]
     pub cpus: Vec<usize>,
     #[command(flatten)]

@@ -27,9 +27,8 @@ pub struct Options {
     pub realtime_seconds: f64,
     /// SCHED_FIFO priority of the real-time measurement; `None` for ordinary scheduling.
     pub priority: Option<u8>,
-    /// CPUs of plant, estimator and controller in the lockstep and the realtime measurement, and of the ring's
-    /// positions in its reference; empty: the scheduler decides, and for a realtime measurement with a priority it
-    /// is the last CPU.
+    /// CPUs of plant, estimator and controller in the lockstep measurement and in a realtime one with a priority,
+    /// and of the ring's positions in its reference; empty: the scheduler decides, with a priority the last CPU.
     pub cpus: Vec<usize>,
     /// Program and arguments that start a `Member`.
     pub member: Vec<String>,
