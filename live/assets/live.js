@@ -1,4 +1,4 @@
-// The page: takes frames in as they come, and draws a few times a second.
+// The page: takes frames in as they come, and shows them a few times a second.
 const DRAW_MS = 200, KEPT_S = 60, KEPT_WHILE_HELD_S = 1800, SILENT_MS = 3000;
 
 // What part of the time axis is shown: the last seconds, or what somebody holds.
@@ -161,8 +161,6 @@ function draw() {
   if (!scene || document.hidden) return;
   events();
   horizon.draw();
-  if (!view.held || view.held !== draw.held || store.t.length < 2) plots.draw();
-  draw.held = view.held;
 }
 
 async function start() {
@@ -175,13 +173,14 @@ async function start() {
   document.getElementById("pause").addEventListener("click", () => (view.held ? view.follow() : view.hold()));
   document.getElementById("follow").addEventListener("click", () => { plots.release(); view.follow(); });
   document.getElementById("window").addEventListener("change", (event) => { view.seconds = Number(event.target.value); });
-  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.draw());
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots.redraw());
   const source = new EventSource("events" + location.search);
   source.onmessage = (event) => take(JSON.parse(event.data));
   // After the end there is nobody to ask again.
   source.onerror = () => { if (over !== null) source.close(); };
   // A timer instead of the screen's own pace: a few times a second is enough to see, and leaves the processors to the bench.
   setInterval(draw, DRAW_MS);
+  plots.run(DRAW_MS);
 }
 
 start().catch((error) => {

@@ -12,11 +12,19 @@ const STYLES = {
   applied: () => ({ color: colour("v0"), width: 1.7, shape: "hv" }),
 };
 
+const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+// The screen's next picture; a page that nobody sees has none.
+const shown = () => new Promise((done) => {
+  requestAnimationFrame(() => setTimeout(done));
+  setTimeout(done, 1000);
+});
+
 class Plots {
   constructor(store, view) {
     this.store = store;
     this.view = view;
     this.plots = [];
+    this.drawn = null;
     this.seen = new IntersectionObserver((entries) => {
       for (const entry of entries) {
         const plot = this.plots.find((p) => p.element === entry.target);
@@ -61,9 +69,35 @@ class Plots {
     this.seen.observe(element);
   }
 
-  draw() {
-    const [from, until] = this.view.range();
-    for (const plot of this.plots) if (plot.isSeen) this.drawOne(plot, from, until);
+  // Draws for as long as the page lives, a few times a second where the machine can. One plot at a time, and after each a pause
+  // as long as it took until it was on the screen: what else the page does, the stick above all, is never late by more than a plot.
+  async run(sweepMs) {
+    for (;;) {
+      const began = performance.now();
+      if (!document.hidden) await this.sweep();
+      await pause(Math.max(began + sweepMs - performance.now(), 0));
+    }
+  }
+
+  // Draws all plots that can be seen over the same time; one whose time axis is held, once.
+  async sweep() {
+    const held = this.view.held, plots = this.plots, [from, until] = this.view.range();
+    if (held && held === this.drawn && this.store.t.length > 1) return;
+    this.drawn = held;
+    for (const plot of plots) {
+      if (!plot.isSeen) continue;
+      // Another scene, or a zoom by hand: the rest is of no use.
+      if (plots !== this.plots || held !== this.view.held) return;
+      const began = performance.now();
+      this.drawOne(plot, from, until);
+      await shown();
+      await pause(performance.now() - began);
+    }
+  }
+
+  // Draws all again, also what is held.
+  redraw() {
+    this.drawn = null;
   }
 
   drawOne(plot, from, until) {
