@@ -34,8 +34,8 @@ pub use controller::lanes::{ControllerLanes, OutcomeLanes};
 pub use design::{Design, DesignError};
 pub use input_limits::InputLimits;
 pub use kalman::{
-    Estimator, EstimatorError, EstimatorKind, EstimatorLanes, EstimatorOptions, KalmanFilter, Sensors,
-    VibrationModel,
+    Estimator, EstimatorError, EstimatorKind, EstimatorLanes, EstimatorOptions, FilterModel, KalmanFilter,
+    Sensors, VibrationModel, settled_covariance,
 };
 pub use options::{AntiWindup, LawOptions, LqrOptions, PpcOptions, Selector, SmcOptions, Weights};
 pub use outcome::Outcome;

@@ -133,6 +133,11 @@ impl Flow {
         whole.h.symmetrise(n);
     }
 
+    /// What the map makes of a covariance of zero.
+    pub fn covariance(&self) -> &Packed {
+        &self.whole.h
+    }
+
     /// Applies the map to the covariance P.
     pub fn apply(&mut self, p: &mut Packed) {
         let n = self.n;

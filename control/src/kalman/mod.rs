@@ -27,6 +27,7 @@ mod options;
 mod recursion;
 mod schedule;
 mod sensors;
+mod settled;
 #[cfg(test)]
 mod tests;
 
@@ -38,3 +39,4 @@ pub use measurement_age::{AgeSpread, MeasurementAge};
 pub use model::Estimator;
 pub use options::{EstimatorKind, EstimatorOptions, VibrationModel};
 pub use sensors::Sensors;
+pub use settled::settled_covariance;

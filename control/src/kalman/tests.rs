@@ -119,6 +119,42 @@ fn a_broken_pattern_returns_to_the_full_recursion() {
     assert!(filter.std()[0] <= before * 1.01);
 }
 
+/// One plant that is unstable, one that integrates without a sensor, and noises of very different sizes; fresh values in a
+/// pattern. The settled covariance is that of a recursion of many steps.
+#[test]
+fn the_settled_covariance_is_that_of_many_steps() {
+    let model = FilterModel {
+        f: DMatrix::from_row_slice(3, 3, &[1.02, 0.01, 0.0, 0.0, 1.0, 0.0, 0.01, 0.0, 1.0]),
+        g: DMatrix::zeros(3, 1),
+        h: DMatrix::from_row_slice(2, 3, &[1.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+        d: DMatrix::zeros(2, 1),
+        q: DMatrix::from_diagonal(&nalgebra::dvector![1e-3, 1e-6, 1e-12]),
+        variance: vec![1e-2, 1e-8],
+    };
+    for pattern in [vec![0b11], vec![0b01, 0b00, 0b11]] {
+        let settled = super::settled_covariance(&model, &pattern).expect("observable");
+        let mut p = DMatrix::<f64>::identity(3, 3);
+        for k in 0..60_000 {
+            p = plain(&model, &p, pattern[k % pattern.len()]);
+        }
+        let before = &model.f * p * model.f.transpose() + &model.q;
+        assert!(distance(&settled, &before) < 1e-6, "{pattern:?}: {settled} {before}");
+    }
+    // Nothing shows the third state: its variance has no limit, and those of the others are as without it.
+    let without = FilterModel {
+        f: model.f.view((0, 0), (2, 2)).into(),
+        h: model.h.view((0, 0), (1, 2)).into(),
+        q: model.q.view((0, 0), (2, 2)).into(),
+        g: DMatrix::zeros(2, 1),
+        d: DMatrix::zeros(1, 1),
+        variance: vec![1e-2],
+    };
+    let blind = super::settled_covariance(&model, &[0b01]).expect("finite");
+    let without = super::settled_covariance(&without, &[0b01]).expect("observable");
+    assert!(blind[(2, 2)] > 1.0, "{blind}");
+    assert!(distance(&blind.view((0, 0), (2, 2)).into(), &without) < 1e-6, "{blind} {without}");
+}
+
 prop_compose! {
     fn models()(n in 1usize..8, p in 1usize..5)(
         n in Just(n),

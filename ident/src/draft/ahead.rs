@@ -11,6 +11,7 @@ use whirlstand_vehicle::Simulator;
 use super::own_past::Regression;
 use crate::identify::Segment;
 use crate::identify::fitted::{Fit, NoiseFit};
+use crate::identify::forces::with_forces;
 use crate::identify::predictor::{Gains, Pattern};
 
 /// Errors of predictions `horizon` steps ahead for a segment of one input and one output, one from each of
@@ -23,9 +24,8 @@ pub fn errors(
     horizon: usize,
 ) -> Option<Vec<f64>> {
     let NoiseFit::Kalman(structure, noise) = &fit.noise else { return None };
-    let mut problem = fit.problem.clone();
-    problem.vehicle = fit.problem.vehicle_at(&fit.theta);
-    problem.parameters.clear();
+    let own = fit.frozen();
+    let problem = with_forces(&own, structure);
     let pattern = Pattern::of(segment, 1);
     let gains = Gains::new(&problem, structure, &pattern, &[], noise, false)?;
     let mut simulator = Simulator::expected(&problem.vehicle, segment.period_s).ok()?;

@@ -39,14 +39,7 @@ impl Axis {
     /// The fitted vehicle of the axis, with signals that include their means.
     pub fn vehicle(&self) -> Vehicle {
         let fit = &self.tried.fit;
-        let mut vehicle = fit.problem.vehicle_at(&fit.theta);
-        // The disturbance state is not part of the vehicle.
-        let n = self.tried.structure.order;
-        vehicle.states.truncate(n);
-        vehicle.a = vehicle.a.resize(n, n, 0.0);
-        vehicle.b = vehicle.b.resize(n, 1, 0.0);
-        vehicle.c = vehicle.c.resize(1, n, 0.0);
-        vehicle
+        fit.problem.vehicle_at(&fit.theta)
     }
 
     /// Input that holds the output at its mean (trim); 0 where it is negligible.

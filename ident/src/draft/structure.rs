@@ -118,25 +118,17 @@ impl Structure {
 
     /// The structure as a vehicle with free parameters.
     ///
-    /// Its last state is the disturbance of the motion: wind, a swinging load, a changing trim. With process
-    /// noise it is a random walk (Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 5),
-    /// with a variance estimated like all other noise. In a closed loop the input responds to the
-    /// disturbance, so that without this state the input would seem to act with the wrong sign.
-    ///
     /// # Errors
     /// When an effect does not fit, which means a mistake in this file.
     pub fn vehicle(&self, signals: &Signals) -> Result<Vehicle, DraftError> {
-        let n = self.order + 1;
+        let n = self.order;
         let (a, b) = self.start_matrices(signals);
-        let (mut a, b) = (a.resize(n, n, 0.0), b.resize(n, 1, 0.0));
-        a[(self.order - 1, self.order)] = 1.0;
         let slope = |k: usize| -> SignalUnit {
             let text = format!("{}{}", per_one(&signals.output_unit), "/s".repeat(k));
             text.parse().unwrap_or_default()
         };
         let name = |k: usize| match k {
             0 => signals.output.clone(),
-            _ if k == self.order => format!("{}_disturbance", signals.output),
             _ => format!("{}_slope", signals.output),
         };
         let state = |k: usize| State {

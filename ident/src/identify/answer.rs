@@ -29,6 +29,9 @@ pub struct Identification {
     pub method: Method,
     /// Noise model of the residuals.
     pub noise: Noise,
+    /// States on which a force that nobody measured wanders, estimated beside the parameters (noise `kalman`).
+    #[serde(default)]
+    pub wandering_forces: Vec<String>,
     /// True when a controller was in the loop.
     pub closed_loop: bool,
     /// Seed of the random numbers.

@@ -76,9 +76,32 @@ pub fn evaluate(
     unknowns: &[f64],
     nuisances: &[Vec<f64>],
 ) -> Option<Evaluation> {
+    evaluated(problem, structure, segments, (unknowns, true), nuisances)
+}
+
+/// The cost alone of a problem without free parameters, at the logarithms `noise` of the noises' standard deviations and the
+/// best nuisances.
+pub fn cost(
+    problem: &Problem,
+    structure: &NoiseStructure,
+    segments: &[Segment],
+    noise: &[f64],
+) -> Option<f64> {
+    let nuisances = super::fitted::no_nuisances(problem, segments);
+    Some(evaluated(problem, structure, segments, (noise, false), &nuisances)?.cost)
+}
+
+/// Evaluates the likelihood, with its derivatives by the noises if asked.
+fn evaluated(
+    problem: &Problem,
+    structure: &NoiseStructure,
+    segments: &[Segment],
+    (unknowns, slopes): (&[f64], bool),
+    nuisances: &[Vec<f64>],
+) -> Option<Evaluation> {
     let np = problem.parameters.len();
     let (theta, noise) = unknowns.split_at(np);
-    let (gains, which) = gains_of(problem, structure, segments, theta, noise, true)?;
+    let (gains, which) = gains_of(problem, structure, segments, theta, noise, slopes)?;
     let parts: Vec<Part> = segments
         .par_iter()
         .zip(nuisances)

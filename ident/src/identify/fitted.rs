@@ -35,7 +35,7 @@ pub struct Fit {
     pub problem: Problem,
     /// Values of the parameters of `problem`, SI.
     pub theta: Vec<f64>,
-    /// Nuisances of every segment, SI.
+    /// Nuisances of every segment, SI; with the initial forces where the noise has any.
     pub nuisances: Vec<Vec<f64>>,
     /// Covariance of the parameters, parameters x parameters, SI.
     pub covariance: DMatrix<f64>,
@@ -47,6 +47,16 @@ pub struct Fit {
     pub cost: f64,
     /// Effort and success of the search.
     pub outcome: Outcome,
+}
+
+impl Fit {
+    /// The problem with all parameters at their fitted values and none free.
+    pub fn frozen(&self) -> Problem {
+        let mut problem = self.problem.clone();
+        problem.vehicle = self.problem.vehicle_at(&self.theta);
+        problem.parameters.clear();
+        problem
+    }
 }
 
 /// Zero nuisances for every segment, the start of the first sweep.

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::data::Segment;
 use super::fitted::{Fit, NoiseFit, bounds, no_nuisances};
+use super::forces::with_forces;
 use super::predictor::NoiseStructure;
 use super::problem::Problem;
 use super::search::{Limits, Outcome, descends, search};
@@ -27,15 +28,21 @@ pub struct Start {
 /// Start of the search. An equation-error fit to the data with the best short predictions suffices, since the
 /// filter follows the record. Where the caller gives further starts, short searches from those and from the
 /// data's start decide, as the likelihood of a start depends on the noises, which no start includes.
-pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>], watch: &Watch) -> Start {
-    let structure = NoiseStructure::new(problem);
-    let noise: Vec<f64> = first_noise(problem, segments, &structure).iter().map(|n| n.start).collect();
-    let nuisances = no_nuisances(problem, segments);
+pub fn kalman_start(
+    problem: &Problem,
+    structure: &NoiseStructure,
+    segments: &[Segment],
+    extra: &[Vec<f64>],
+    watch: &Watch,
+) -> Start {
+    let wide = with_forces(problem, structure);
+    let noise: Vec<f64> = first_noise(&wide, segments, structure).iter().map(|n| n.start).collect();
+    let nuisances = no_nuisances(&wide, segments);
     let ranked = |starts: Vec<Vec<f64>>, most: usize| -> Vec<Start> {
         let mut all = Vec::new();
         for theta in starts {
             let unknowns: Vec<f64> = theta.iter().chain(&noise).copied().collect();
-            let cost = filter_error::evaluate(problem, &structure, segments, &unknowns, &nuisances)
+            let cost = filter_error::evaluate(&wide, structure, segments, &unknowns, &nuisances)
                 .map_or(f64::INFINITY, |e| e.cost);
             all.push((cost, theta));
             if watch.is_stopped() && cost.is_finite() {
@@ -45,14 +52,16 @@ pub fn kalman_start(problem: &Problem, segments: &[Segment], extra: &[Vec<f64>],
         all.sort_by(|a, b| a.0.total_cmp(&b.0));
         all.into_iter().take(most).map(|(_, theta)| Start { theta, noise: noise.clone() }).collect()
     };
-    let mut of_data = start::candidates(problem, segments);
-    of_data.push(start::given(problem));
-    let mut starts = ranked(of_data, 1);
+    let mut starts = ranked(start::candidates(problem, segments), 1);
+    let given = start::given(problem);
+    if starts.iter().all(|start| start.theta != given) {
+        starts.push(Start { theta: given, noise: noise.clone() });
+    }
     starts.extend(ranked(extra.to_vec(), MOST_SEARCHED));
     if starts.len() == 1 || watch.is_stopped() {
         return starts.swap_remove(0);
     }
-    let found = starts.iter().filter_map(|start| climb(problem, segments, start, SHORT, watch));
+    let found = starts.iter().filter_map(|start| climb(&wide, structure, segments, start, SHORT, watch));
     match found.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost)) {
         Some((found, _)) => {
             let (theta, noise) = found.unknowns.split_at(problem.parameters.len());
@@ -94,7 +103,13 @@ fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructu
         FirstNoise { start, lower: start - 14.0, upper: (start + 7.0).max(largest.ln()) }
     };
     let over = 1.0 / problem.period_s.sqrt();
+    let own = problem.n() - structure.forces.len();
     let driven = structure.states.iter().map(|&j| {
+        // A force begins as large as the noise of the state on which it acts.
+        let force = j.checked_sub(own).map(|force| structure.forces[force].1);
+        if let Some(at) = force.and_then(|output| structure.outputs.iter().position(|i| *i == output)) {
+            return noise(0.3 * measured[at].0 * over, 0.0);
+        }
         let at = structure.outputs.iter().position(|&i| problem.vehicle.c[(i, j)] != 0.0);
         let (size, step) = match at {
             Some(at) => {
@@ -108,30 +123,30 @@ fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructu
     driven.chain(measured.iter().map(|m| noise(m.0, 0.0))).collect()
 }
 
-/// Maximises the likelihood of the Kalman filter's innovations from a start.
+/// Maximises the likelihood of the Kalman filter's innovations from a start; the problem includes the forces.
 fn climb(
     problem: &Problem,
+    structure: &NoiseStructure,
     segments: &[Segment],
     start: &Start,
     iterations: usize,
     watch: &Watch,
 ) -> Option<(filter_error::Evaluation, Outcome)> {
-    let structure = NoiseStructure::new(problem);
     let mut limits = bounds(problem);
-    limits.extend(first_noise(problem, segments, &structure).iter().map(|noise| (noise.lower, noise.upper)));
+    limits.extend(first_noise(problem, segments, structure).iter().map(|noise| (noise.lower, noise.upper)));
     let unknowns: Vec<f64> = start.theta.iter().chain(&start.noise).copied().collect();
     let first =
-        filter_error::evaluate(problem, &structure, segments, &unknowns, &no_nuisances(problem, segments))?;
+        filter_error::evaluate(problem, structure, segments, &unknowns, &no_nuisances(problem, segments))?;
     // Repeated with the best initial states: before, their transients distort the innovations and the
     // gradient.
-    let first = filter_error::evaluate(problem, &structure, segments, &unknowns, &first.nuisances)?;
+    let first = filter_error::evaluate(problem, structure, segments, &unknowns, &first.nuisances)?;
     let at = |from: &filter_error::Evaluation, unknowns: &[f64], step: &DVector<f64>| {
         let follow = |(old, coupling): (&Vec<f64>, &DMatrix<f64>)| -> Vec<f64> {
             let moved = coupling * step;
             old.iter().zip(moved.iter()).map(|(a, b)| a + b).collect()
         };
         let nuisances: Vec<Vec<f64>> = from.nuisances.iter().zip(&from.coupling).map(follow).collect();
-        filter_error::evaluate(problem, &structure, segments, unknowns, &nuisances)
+        filter_error::evaluate(problem, structure, segments, unknowns, &nuisances)
     };
     let search_limits = Limits { iterations, tolerance: 0.01, ..Limits::default() };
     Some(search(first, &limits, search_limits, at, |step, cost| descends(watch, step, cost)))
@@ -140,12 +155,14 @@ fn climb(
 /// Fits the parameters and the noises by maximum likelihood of the Kalman filter's innovations.
 pub fn kalman(
     problem: &Problem,
+    structure: &NoiseStructure,
     segments: &[Segment],
     start: &Start,
     watch: &Watch,
 ) -> Option<(Fit, DMatrix<f64>)> {
     let np = problem.parameters.len();
-    let (found, outcome) = climb(problem, segments, start, 60, watch)?;
+    let wide = with_forces(problem, structure);
+    let (found, outcome) = climb(&wide, structure, segments, start, 60, watch)?;
     let information = spread::marginal(&found.information, np)?;
     let covariance = super::normal::pseudo_inverse(&information)?;
     let fit = Fit {
@@ -154,7 +171,7 @@ pub fn kalman(
         nuisances: found.nuisances,
         covariance,
         fixed: Vec::new(),
-        noise: NoiseFit::Kalman(NoiseStructure::new(problem), found.unknowns[np..].to_vec()),
+        noise: NoiseFit::Kalman(structure.clone(), found.unknowns[np..].to_vec()),
         cost: found.cost,
         outcome,
     };
@@ -193,8 +210,9 @@ mod tests {
             steps,
         }];
         let problem = Problem::new(&vehicle, &segments, super::super::Nuisance::default()).unwrap();
-        let start = kalman_start(&problem, &segments, &[], &Watch::default());
-        let (fit, _) = kalman(&problem, &segments, &start, &Watch::default()).unwrap();
+        let structure = NoiseStructure::new(&problem);
+        let start = kalman_start(&problem, &structure, &segments, &[], &Watch::default());
+        let (fit, _) = kalman(&problem, &structure, &segments, &start, &Watch::default()).unwrap();
         let NoiseFit::Kalman(_, noise) = fit.noise else { panic!("{:?}", fit.noise) };
         let (driving, measuring) = (noise[0].exp() * period_s.sqrt(), noise[1].exp());
         assert!(driving > 0.5 && measuring < 0.1 * driving, "{driving} {measuring}");

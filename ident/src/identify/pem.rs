@@ -7,10 +7,11 @@ use super::data::Segment;
 pub use super::fitted::{Fit, Fixed, NoiseFit, bounds, no_nuisances, white};
 use super::kalman::{Start, kalman, kalman_start};
 use super::output_error::{self, Evaluation};
+use super::predictor::NoiseStructure;
 use super::problem::{Parameter, Problem};
 use super::search::{Derivatives, Limits, Outcome, Point, descends, search};
 use super::spread::{self, Undetermined};
-use super::{IdentifyError, start};
+use super::{IdentifyError, forces, start};
 use crate::watch::Watch;
 
 /// Noise model of the residuals.
@@ -178,6 +179,10 @@ fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
 /// additional starts (of a genetic algorithm); without any, the data give them. A stopped search returns the
 /// best result so far.
 ///
+/// Beside process noise, forces wander where that is the likelier explanation of the record, by the Bayesian
+/// information criterion (Schwarz, Annals of Statistics 6, 1978): the variance of each and its initial value in every
+/// segment are further unknowns.
+///
 /// # Errors
 /// [`IdentifyError::UnstableStart`].
 pub fn fit(
@@ -187,35 +192,106 @@ pub fn fit(
     extra: &[Vec<f64>],
     watch: &Watch,
 ) -> Result<Fit, IdentifyError> {
+    if noise != Noise::Kalman {
+        return fit_with(problem, segments, Residuals::Outputs(noise), extra, watch);
+    }
+    let plain = fit_with(problem, segments, Residuals::Filter(NoiseStructure::new(problem)), extra, watch);
+    let Ok(plain) = plain else { return fit_beside_forces(problem, segments, extra, watch) };
+    let forces = if watch.is_stopped() { Vec::new() } else { forces::likely(&plain, segments) };
+    if forces.is_empty() {
+        return Ok(plain);
+    }
+    let mut starts = extra.to_vec();
+    starts.push(values(problem, &plain));
+    let more = forces.len() * (1 + if problem.nuisance.initial_state { segments.len() } else { 0 });
+    let structure = NoiseStructure::with_forces(problem, forces);
+    let Ok(wide) = fit_with(problem, segments, Residuals::Filter(structure), &starts, watch) else {
+        return Ok(plain);
+    };
+    let samples = segments.iter().flat_map(|s| &s.outputs).filter(|y| y.is_finite()).count();
+    let is_likelier = plain.cost - wide.cost > 0.5 * more as f64 * (samples as f64).ln();
+    Ok(if is_likelier { wide } else { plain })
+}
+
+/// Fits beside process noise and wandering forces on all states on which one can be told.
+///
+/// # Errors
+/// [`IdentifyError::UnstableStart`].
+pub fn fit_beside_forces(
+    problem: &Problem,
+    segments: &[Segment],
+    extra: &[Vec<f64>],
+    watch: &Watch,
+) -> Result<Fit, IdentifyError> {
+    fit_with(
+        problem,
+        segments,
+        Residuals::Filter(NoiseStructure::with_forces(problem, forces::observable(problem))),
+        extra,
+        watch,
+    )
+}
+
+/// Values of all parameters of a problem as a fit found or fixed them, SI.
+fn values(problem: &Problem, fit: &Fit) -> Vec<f64> {
+    let found = |p: &Parameter| {
+        let free =
+            fit.problem.parameters.iter().position(|own| own.target == p.target).map(|at| fit.theta[at]);
+        free.or_else(|| fit.fixed.iter().find(|f| f.parameter.target == p.target).map(|f| f.value))
+    };
+    problem.parameters.iter().map(|p| found(p).unwrap_or(p.lower)).collect()
+}
+
+/// Residuals that a fit makes small.
+enum Residuals {
+    /// Those of a free run, white or autoregressive.
+    Outputs(Noise),
+    /// Those of a filter.
+    Filter(NoiseStructure),
+}
+
+/// Fits with one model of the residuals.
+fn fit_with(
+    problem: &Problem,
+    segments: &[Segment],
+    residuals: Residuals,
+    extra: &[Vec<f64>],
+    watch: &Watch,
+) -> Result<Fit, IdentifyError> {
     let mut problem = problem.clone();
     let mut fixed = Vec::new();
     let tried = IdentifyError::UnstableStart { tried: 1 };
     let mut spent = Outcome { iterations: 0, evaluations: 0, converged: false };
     let mut noises = Vec::new();
     let mut first = None;
-    let mut theta = if noise == Noise::Kalman {
-        let start = kalman_start(&problem, segments, extra, watch);
-        noises = start.noise;
-        start.theta
-    } else {
-        let (found, outcome) = from_starts(&problem, segments, extra, watch)?;
-        spent = outcome;
-        first.insert(found).theta.clone()
+    let mut theta = match &residuals {
+        Residuals::Filter(structure) => {
+            let start = kalman_start(&problem, structure, segments, extra, watch);
+            noises = start.noise;
+            start.theta
+        }
+        Residuals::Outputs(_) => {
+            let (found, outcome) = from_starts(&problem, segments, extra, watch)?;
+            spent = outcome;
+            first.insert(found).theta.clone()
+        }
     };
     loop {
-        let found = match noise {
-            Noise::Kalman => {
+        let found = match &residuals {
+            Residuals::Filter(structure) => {
                 let start = Start { theta: theta.clone(), noise: noises.clone() };
-                kalman(&problem, segments, &start, watch)
+                kalman(&problem, structure, segments, &start, watch)
             }
-            _ => match first.take().and_then(|first| outputs(&problem, segments, noise, first, watch)) {
-                // A parameter that was just fixed may have left the others without a stable simulation.
-                None if !fixed.is_empty() => {
-                    let (found, _) = from_starts(&problem, segments, &[theta.clone()], watch)?;
-                    outputs(&problem, segments, noise, found, watch)
+            Residuals::Outputs(noise) => {
+                match first.take().and_then(|first| outputs(&problem, segments, *noise, first, watch)) {
+                    // A parameter that was just fixed may have left the others without a stable simulation.
+                    None if !fixed.is_empty() => {
+                        let (found, _) = from_starts(&problem, segments, &[theta.clone()], watch)?;
+                        outputs(&problem, segments, *noise, found, watch)
+                    }
+                    found => found,
                 }
-                found => found,
-            },
+            }
         };
         let Some((mut fit, information)) = found else { return Err(tried) };
         spent.iterations += fit.outcome.iterations;
@@ -228,12 +304,13 @@ pub fn fit(
                 let mut nuisances = fit.nuisances;
                 if let NoiseFit::Kalman(_, found) = fit.noise {
                     noises = found;
+                    nuisances = no_nuisances(&problem, segments);
                 }
                 let from = theta.remove(index);
                 let value =
                     lead(&mut problem, segments, &parameter, from, (&mut theta, &mut nuisances), watch);
                 fixed.push(Fixed { parameter, value, why });
-                if noise != Noise::Kalman {
+                if let Residuals::Outputs(_) = residuals {
                     first = output_error::evaluate(&problem, segments, &white(&problem), &theta, &nuisances);
                 }
             }

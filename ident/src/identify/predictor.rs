@@ -7,9 +7,9 @@
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
+use whirlstand_control::{FilterModel, settled_covariance};
 use whirlstand_vehicle::discretise;
 
-use super::covariance::CovarianceRecursion;
 use super::data::Segment;
 use super::problem::{Problem, Step};
 
@@ -66,6 +66,9 @@ pub struct NoiseStructure {
     pub states: Vec<usize>,
     /// Indices of the outputs with measurement noise.
     pub outputs: Vec<usize>,
+    /// States on which a force wanders, each with an output that shows it. The forces are states of the predictor after
+    /// those of the vehicle, with process noise of their own: [`forces::with_forces`](super::forces::with_forces).
+    pub forces: Vec<(usize, usize)>,
 }
 
 impl NoiseStructure {
@@ -75,7 +78,15 @@ impl NoiseStructure {
         Self {
             states: (0..problem.n()).filter(|i| vehicle.kinematic_row(*i).is_none()).collect(),
             outputs: (0..problem.p()).filter(|i| problem.weights[*i] > 0.0).collect(),
+            forces: Vec::new(),
         }
+    }
+
+    /// As [`new`](Self::new), with a wandering force on some states, each with an output that shows it.
+    pub fn with_forces(problem: &Problem, forces: Vec<(usize, usize)>) -> Self {
+        let mut structure = Self::new(problem);
+        structure.states.extend((0..forces.len()).map(|k| problem.n() + k));
+        Self { forces, ..structure }
     }
 }
 
@@ -113,7 +124,7 @@ impl Gains {
         noise: &[f64],
         slopes: bool,
     ) -> Option<Self> {
-        let (mut phases, centre) = phases(problem, structure, pattern, theta, noise, None)?;
+        let mut phases = phases(problem, structure, pattern, theta, noise)?;
         let parameters = theta.len() + noise.len();
         if slopes {
             let all: Vec<f64> = theta.iter().chain(noise).copied().collect();
@@ -125,11 +136,8 @@ impl Gains {
                 let at = |sign: f64| {
                     let mut moved = all.clone();
                     moved[i] += sign * step;
-                    // The recursion converges quickly from the steady state at the centre, and the difference
-                    // needs few digits.
-                    let near = Some((&centre[..], 1e-4 * step.min(1e-3)));
                     let (theta, noise) = moved.split_at(theta.len());
-                    Some(self::phases(problem, structure, pattern, theta, noise, near)?.0)
+                    self::phases(problem, structure, pattern, theta, noise)
                 };
                 Some((at(1.0)?, at(-1.0)?, 0.5 / step))
             });
@@ -217,40 +225,32 @@ impl Gains {
     }
 }
 
-/// The phases of the filter's periodic steady state, with the covariance of the state before the first of
-/// them (states x states, row after row). `start` is such a covariance from nearby and the relative change at
-/// which the recursion counts as settled.
+/// The phases of the filter's periodic steady state.
 fn phases(
     problem: &Problem,
     structure: &NoiseStructure,
     pattern: &Pattern,
     theta: &[f64],
     noise: &[f64],
-    start: Option<(&[f64], f64)>,
-) -> Option<(Vec<Phase>, Vec<f64>)> {
+) -> Option<Vec<Phase>> {
     let n = problem.n();
     let vehicle = problem.vehicle_at(theta);
-    let (phi, _) = discretise(&vehicle.a, &vehicle.b, problem.period_s).ok()?;
+    let (phi, g) = discretise(&vehicle.a, &vehicle.b, problem.period_s).ok()?;
     let (driving, measuring) = noise.split_at(structure.states.len());
-    let mut q = vec![0.0; n];
+    let mut q = DMatrix::zeros(n, n);
     for (&state, log) in structure.states.iter().zip(driving) {
-        q[state] = (2.0 * log).exp() * problem.period_s;
+        q[(state, state)] = (2.0 * log).exp() * problem.period_s;
     }
     let fresh = fresh_outputs(structure, pattern, measuring);
-    let (covariance, tolerance) = match start {
-        Some((known, tolerance)) => (known.to_vec(), tolerance),
-        None => {
-            let mut covariance = vec![0.0; n * n];
-            (0..n).for_each(|i| covariance[i * n + i] = q[i] / problem.period_s.max(1e-9) + 1e-12);
-            (covariance, 1e-10)
-        }
-    };
-    let row = |&(o, variance): &(usize, f64)| (vehicle.c.row(o).iter().copied().collect(), variance);
-    let measurements = fresh.iter().map(|outputs| outputs.iter().map(row).collect()).collect();
-    let mut recursion = CovarianceRecursion::new(&phi, q, measurements, covariance);
-    recursion.settle(tolerance)?;
-    let phases = steady_gains(&phi, &vehicle.c, &recursion, &fresh)?;
-    Some((phases, recursion.covariance))
+    let mut variance = vec![1.0; problem.p()];
+    for (&output, log) in structure.outputs.iter().zip(measuring) {
+        variance[output] = (2.0 * log).exp();
+    }
+    let mask = |outputs: &Vec<(usize, f64)>| outputs.iter().fold(0, |mask, (output, _)| mask | 1 << output);
+    let masks: Vec<u64> = fresh.iter().map(mask).collect();
+    let model = FilterModel { f: phi, g, h: vehicle.c.clone(), d: vehicle.d.clone(), q, variance };
+    let settled = settled_covariance(&model, &masks)?;
+    steady_gains(&model, settled, &fresh)
 }
 
 /// Fresh outputs of every phase of the pattern, each with the variance of its measurement noise from
@@ -269,17 +269,16 @@ fn fresh_outputs(structure: &NoiseStructure, pattern: &Pattern, measuring: &[f64
 /// Gain and innovation covariance of every phase, by one pass through the pattern from the settled
 /// covariance.
 fn steady_gains(
-    phi: &DMatrix<f64>,
-    c: &DMatrix<f64>,
-    settled: &CovarianceRecursion,
+    model: &FilterModel,
+    settled: DMatrix<f64>,
     fresh: &[Vec<(usize, f64)>],
 ) -> Option<Vec<Phase>> {
+    let FilterModel { f: phi, h, q, .. } = model;
     let n = phi.nrows();
-    let mut p = DMatrix::from_row_slice(n, n, &settled.covariance);
-    let q = DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&settled.driving));
+    let mut p = settled;
     let mut result = Vec::with_capacity(fresh.len());
     for fresh in fresh {
-        let c = DMatrix::from_fn(fresh.len(), n, |i, j| c[(fresh[i].0, j)]);
+        let c = DMatrix::from_fn(fresh.len(), n, |i, j| h[(fresh[i].0, j)]);
         let cp = &c * &p;
         let mut s = &cp * c.transpose();
         for (i, (_, variance)) in fresh.iter().enumerate() {
@@ -290,7 +289,7 @@ fn steady_gains(
         } else {
             s.clone().cholesky()?.solve(&cp).transpose()
         };
-        p = phi * (&p - &gain * &cp) * phi.transpose() + &q;
+        p = phi * (&p - &gain * &cp) * phi.transpose() + q;
         result.push(Phase {
             fresh: fresh.iter().map(|(output, _)| *output).collect(),
             gain: phi * gain,

@@ -3,6 +3,7 @@
 use super::answer::{OutputSeries, PartSeries, Quality, Role, Whiteness};
 use super::ar::Ar;
 use super::data::Segment;
+use super::forces::with_forces;
 use super::output_error::{evaluate, simulate};
 use super::pem::{Fit, NoiseFit, no_nuisances, white};
 use super::problem::{Nuisance, Problem};
@@ -20,17 +21,10 @@ pub struct Runs {
     pub one_step: Vec<Vec<Vec<f64>>>,
 }
 
-/// The model without free parameters.
-fn frozen(fit: &Fit) -> Problem {
-    let mut problem = fit.problem.clone();
-    problem.vehicle = fit.problem.vehicle_at(&fit.theta);
-    problem.parameters.clear();
-    problem
-}
-
 /// Runs the fitted model over the identification data.
 pub fn identification_runs(fit: &Fit, segments: &[Segment]) -> Runs {
-    runs(fit, segments, fit.nuisances.clone())
+    let free = free_run(fit, &fit.frozen(), segments, &fit.nuisances);
+    runs(fit, segments, free, &fit.nuisances)
 }
 
 /// Runs the fitted model over held-out data: the initial state is fitted there (it is not an error of the
@@ -39,12 +33,11 @@ pub fn control_runs(fit: &Fit, segments: &[Segment]) -> Runs {
     let p = fit.problem.p();
     let offsets: Vec<f64> = if fit.problem.nuisance.output_offsets {
         let count = fit.nuisances.len().max(1) as f64;
-        let at = fit.problem.nuisances() - p;
-        (0..p).map(|i| fit.nuisances.iter().map(|n| n[at + i]).sum::<f64>() / count).collect()
+        (0..p).map(|i| fit.nuisances.iter().map(|n| n[n.len() - p + i]).sum::<f64>() / count).collect()
     } else {
         Vec::new()
     };
-    let mut problem = frozen(fit);
+    let mut problem = fit.frozen();
     problem.nuisance = Nuisance { output_offsets: false, ..problem.nuisance };
     let shifted: Vec<Segment> = segments
         .iter()
@@ -56,48 +49,52 @@ pub fn control_runs(fit: &Fit, segments: &[Segment]) -> Runs {
             s
         })
         .collect();
-    let first = no_nuisances(&problem, &shifted);
     let found = match &fit.noise {
         NoiseFit::Outputs(_) => {
-            evaluate(&problem, &shifted, &white(&problem), &[], &first).map(|e| e.nuisances)
+            let first = no_nuisances(&problem, &shifted);
+            evaluate(&problem, &shifted, &white(&problem), &[], &first).map_or(first, |e| e.nuisances)
         }
         NoiseFit::Kalman(structure, noise) => {
-            let free_run = evaluate(&problem, &shifted, &white(&problem), &[], &first).map(|e| e.nuisances);
-            free_run.or_else(|| {
-                filter_error::evaluate(&problem, structure, &shifted, noise, &first).map(|e| e.nuisances)
-            })
+            let wide = with_forces(&problem, structure);
+            let first = no_nuisances(&wide, &shifted);
+            let found = filter_error::evaluate(&wide, structure, &shifted, noise, &first);
+            found.map_or(first, |e| e.nuisances)
         }
     };
-    let nuisances = found.unwrap_or(first);
-    let nuisances = nuisances.into_iter().map(|mut n| {
-        n.extend_from_slice(&offsets);
-        n
-    });
-    runs(fit, segments, nuisances.collect())
+    let with_offsets = |nuisances: Vec<Vec<f64>>| -> Vec<Vec<f64>> {
+        nuisances.into_iter().map(|n| n.into_iter().chain(offsets.iter().copied()).collect()).collect()
+    };
+    let free = free_run(fit, &problem, &shifted, &found);
+    runs(fit, segments, with_offsets(free), &with_offsets(found))
 }
 
-fn runs(fit: &Fit, segments: &[Segment], nuisances: Vec<Vec<f64>>) -> Runs {
-    let problem = frozen(fit);
+/// Nuisances of free runs from those of the fit. The initial state of a free run fits the whole run; that of a filter
+/// fits its first steps.
+fn free_run(fit: &Fit, frozen: &Problem, segments: &[Segment], nuisances: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let NoiseFit::Kalman(structure, _) = &fit.noise else { return nuisances.to_vec() };
+    let n = if frozen.nuisance.initial_state { frozen.n() } else { 0 };
+    let forces = if frozen.nuisance.initial_state { structure.forces.len() } else { 0 };
+    let own = |all: &Vec<f64>| all.iter().take(n).chain(all.iter().skip(n + forces)).copied().collect();
+    let own: Vec<Vec<f64>> = nuisances.iter().map(own).collect();
+    evaluate(frozen, segments, &white(frozen), &[], &own).map_or(own, |e| e.nuisances)
+}
+
+/// Runs the fitted model freely with the nuisances `free`, and its predictor with `followed`.
+fn runs(fit: &Fit, segments: &[Segment], free: Vec<Vec<f64>>, followed: &[Vec<f64>]) -> Runs {
+    let problem = fit.frozen();
     let p = problem.p();
-    let mut free_nuisances = nuisances.clone();
-    if let NoiseFit::Kalman(..) = fit.noise {
-        // The initial state of a free run fits the whole run; that of the filter fits its first steps.
-        let first = nuisances.clone();
-        if let Some(e) = evaluate(&problem, segments, &white(&problem), &[], &first) {
-            free_nuisances = e.nuisances;
-        }
-    }
-    let simulated = simulate(&problem, segments, &[], &free_nuisances);
+    let simulated = simulate(&problem, segments, &[], &free);
     let one_step = match (&fit.noise, &simulated) {
         (NoiseFit::Outputs(models), Some(simulated)) => whitened(&problem, segments, simulated, models),
         (NoiseFit::Kalman(structure, noise), _) => {
-            let predicted = filter_error::predict(&problem, structure, segments, noise, &nuisances);
+            let wide = with_forces(&problem, structure);
+            let predicted = filter_error::predict(&wide, structure, segments, noise, followed);
             let whites = vec![Ar::white(1.0); p];
             predicted.map_or(vec![Vec::new(); p], |y| whitened(&problem, segments, &y, &whites))
         }
         _ => vec![Vec::new(); p],
     };
-    Runs { nuisances: free_nuisances, simulated, one_step }
+    Runs { nuisances: free, simulated, one_step }
 }
 
 fn whitened(

@@ -189,6 +189,7 @@ fn answer(
         vehicle: vehicle.name.clone(),
         method: options.method,
         noise,
+        wandering_forces: wandering_forces(&fit),
         closed_loop: options.closed_loop,
         seed: options.seed,
         version: env!("CARGO_PKG_VERSION").into(),
@@ -290,6 +291,11 @@ fn parameters(fit: &Fit, errors: bool) -> Vec<ParameterAnswer> {
 fn correlations(fit: &Fit) -> Vec<Vec<f64>> {
     let n = fit.theta.len();
     (0..n).map(|i| (0..n).map(|j| correlation(&fit.covariance, i, j)).collect()).collect()
+}
+
+fn wandering_forces(fit: &Fit) -> Vec<String> {
+    let NoiseFit::Kalman(structure, _) = &fit.noise else { return Vec::new() };
+    structure.forces.iter().map(|(on, _)| fit.problem.vehicle.states[*on].name.clone()).collect()
 }
 
 fn fixed(fit: &Fit) -> Vec<FixedAnswer> {

@@ -151,6 +151,47 @@ fn a_free_effect_is_found_in_a_closed_loop() {
     }
 }
 
+/// A slowly damped body in a loop that mostly answers a wandering torque: the torque is told, and the body found. Without
+/// the torque none is told, and the standard errors are as small as before.
+#[test]
+fn a_wandering_force_in_a_closed_loop_biases_nothing() {
+    let text = "A = [[-2.0]]\nB = [[60.0]]\nstates = [{ name = \"roll_rate\", unit = \"rad/s\" }]\n\
+        inputs = [{ name = \"u\", lower = -5.0, upper = 5.0 }]\n\
+        outputs = [{ name = \"roll_rate\", unit = \"rad/s\", noise = 0.005 }]\n\
+        free = [{ entry = \"A[1,1]\", lower = -100.0, upper = 2.0 }, { entry = \"B[1,1]\", lower = -500.0, upper = 500.0 }]\n";
+    let vehicle = Vehicle::parse(text, "body.toml").unwrap();
+    let (steps, period_s) = (6000, 0.01);
+    let flown = |wind: f64| {
+        let mut simulator = Simulator::new(&vehicle, period_s, 3).unwrap();
+        let mut air = Stream::new(9, "wind");
+        let reference = pilot(steps, 1, period_s, 0.2, 5);
+        let (mut inputs, mut outputs, mut u, mut torque) = (Vec::new(), Vec::new(), 0.0, 0.0);
+        for r in &reference {
+            simulator.apply(&[u]);
+            let y = simulator.measure().to_vec();
+            inputs.extend_from_slice(simulator.applied());
+            u = 0.15 * (r - y[0]);
+            outputs.extend(y);
+            torque += wind * period_s.sqrt() * air.normal();
+            simulator.disturb(&[torque]);
+            simulator.advance();
+        }
+        [Segment { origin: "test".into(), start_s: 0.0, first_step: 0, period_s, inputs, outputs, steps }]
+    };
+    for (wind, is_told) in [(10.0, true), (0.0, false)] {
+        let segments = flown(wind);
+        let problem = Problem::new(&vehicle, &segments, Nuisance::default()).unwrap();
+        let fit = fit(&problem, &segments, Noise::Kalman, &[], &Watch::default()).unwrap();
+        let super::pem::NoiseFit::Kalman(structure, _) = &fit.noise else { panic!("{:?}", fit.noise) };
+        assert_eq!(!structure.forces.is_empty(), is_told, "wind {wind}");
+        for (i, (p, truth)) in fit.problem.parameters.iter().zip([-2.0, 60.0]).enumerate() {
+            let std = fit.covariance[(i, i)].sqrt();
+            println!("wind {wind}: {} {:.3} true {truth} std {std:.3}", p.name, fit.theta[i]);
+            assert!((fit.theta[i] - truth).abs() < 4.0 * std, "{} {} {std}", p.name, fit.theta[i]);
+        }
+    }
+}
+
 #[test]
 fn the_gradient_of_the_innovations_likelihood_is_that_of_its_differences() {
     use super::filter_error::evaluate;

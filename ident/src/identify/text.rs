@@ -33,6 +33,11 @@ pub fn verdict(answer: &Identification) -> String {
         text.push_str(&format!(", {} left out (not determined by the data)", answer.fixed.len()));
     }
     match (fits(Role::Control), fits(Role::Identification)) {
+        // Worse than the mean of the record: what nobody measured moves the vehicle as much as its inputs do, or its
+        // integrators sum it up. Then only predictions tell something of the model.
+        (Some((fit, _)), _) | (None, Some((fit, _))) if answer.noise == Noise::Kalman && fit <= 0.0 => {
+            text.push_str("; the free run leaves the record, so only predictions could be assessed");
+        }
         (Some((fit, name)), _) => {
             text.push_str(&format!(
                 "; free-run fit on held-out data at least {fit:.1} % (worst output: {name})"
@@ -119,6 +124,13 @@ pub fn remarks(answer: &Identification) -> Vec<String> {
         all.push(format!(
             "One-step residuals are not white ({}): there is an effect that the model does not include.",
             coloured.join(", ")
+        ));
+    }
+    if !answer.wandering_forces.is_empty() {
+        all.push(format!(
+            "A force that nobody measured wanders on {} (wind, a swinging load, a changing trim): it was estimated beside the \
+             parameters, and is not part of the model.",
+            answer.wandering_forces.join(", ")
         ));
     }
     all.extend(disturbances(answer));
