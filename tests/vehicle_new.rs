@@ -103,6 +103,47 @@ fn flights_end_in_models_that_identify_takes_as_they_are() -> Outcome {
     Ok(())
 }
 
+/// What `identify` makes of a draft on its own record is the draft again, though all axes are fitted together there: a
+/// vehicle flown in closed loop, whose inputs mostly answer forces that nobody measured.
+fn identify_finds_a_draft_again() -> Outcome {
+    let flights = data()?.join("flights");
+    for (log, wanders) in [("px4_AquaQuad.csv", true), ("LOG00037.BFL", false)] {
+        let dir = tempfile::tempdir().unwrap();
+        let draft = drafted(&flights.join(log), dir.path());
+        let path = |name: &str| dir.path().join(name).display().to_string();
+        let log = flights.join(log).display().to_string();
+        let call = ["identify", &log, "--vehicle", &path("drafted.toml"), "--json", &path("fitted.json")];
+        run(call).success();
+        let fitted = json(&path("fitted.json"));
+        let value = |all: &Value, name: &Value| {
+            let of = all.as_array().unwrap().iter().find(|p| p["name"] == *name);
+            of.unwrap_or_else(|| panic!("{name} in {all}"))["value"].as_f64().unwrap()
+        };
+        for axis in draft["axes"].as_array().unwrap() {
+            for own in axis["parameters"].as_array().unwrap() {
+                let name = &own["name"];
+                if !name.as_str().unwrap().starts_with("B[") {
+                    continue;
+                }
+                let ratio = value(&fitted["parameters"], name) / own["value"].as_f64().unwrap();
+                assert!((0.5..2.0).contains(&ratio), "{log}: {name} is {ratio} times the draft's");
+            }
+        }
+        let fastest_growth =
+            fitted["poles"].as_array().unwrap().iter().map(|pole| pole["re"].as_f64().unwrap());
+        assert!(fastest_growth.fold(f64::NEG_INFINITY, f64::max) < 0.5, "{log}: {}", fitted["poles"]);
+        if wanders {
+            assert!(!fitted["wandering_forces"].as_array().unwrap().is_empty(), "{fitted}");
+            assert!(
+                fitted["verdict"].as_str().unwrap().contains("only predictions"),
+                "{}",
+                fitted["verdict"]
+            );
+        }
+    }
+    Ok(())
+}
+
 /// Noise estimated from the changes between samples in flight is not a data sheet value: the diagnosis fits the noise,
 /// also of a file from `identify`, and the extended vehicle keeps what the draft says. Both take the draft's steps, which
 /// are longer than the log's.
@@ -137,6 +178,7 @@ fn what_a_draft_knows_of_its_log_is_kept() -> Outcome {
 
 whirlstand_test_harness::tests!(
     what_a_draft_knows_of_its_log_is_kept,
+    identify_finds_a_draft_again,
     motors_that_are_off_are_refused,
     rest_is_refused,
     a_slow_log_is_refused_with_its_rates,

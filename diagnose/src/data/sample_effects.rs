@@ -249,8 +249,9 @@ fn within_a_step(mean: f64, std: f64, step: f64) -> f64 {
     ((above(mean + step) - 2.0 * above(mean) + above(mean - step)) / step).clamp(0.0, 1.0)
 }
 
-/// The smallest distance between values that repeat, 0 where none do. Interpolated values between rounded
-/// ones repeat by chance: values that repeat far less often than usual are left out.
+/// The smallest distance between values that repeat and come back later, 0 where none do: a rounded sensor returns to its
+/// levels, what a continuous one holds it never measures again. Interpolated values between rounded ones repeat by
+/// chance: values that repeat far less often than usual are left out.
 fn step_between_levels(values: &[f64], tiny: f64) -> f64 {
     let equal = |a: f64, b: f64| (a - b).abs() <= tiny;
     // Once for every stretch of equal values: a vehicle at rest repeats its zeros as often as all other levels together.
@@ -259,7 +260,15 @@ fn step_between_levels(values: &[f64], tiny: f64) -> f64 {
         .map(|k| values[k])
         .collect();
     repeated.sort_unstable_by(f64::total_cmp);
-    let levels: Vec<&[f64]> = repeated.chunk_by(|a, b| b - a <= tiny).collect();
+    let begins = |k: usize| k == 0 || !equal(values[k], values[k - 1]);
+    let mut stretches: Vec<f64> = (0..values.len()).filter(|k| begins(*k)).map(|k| values[k]).collect();
+    stretches.sort_unstable_by(f64::total_cmp);
+    let comes_back = |value: f64| {
+        let from = stretches.partition_point(|v| *v < value - tiny);
+        stretches[from..].iter().take_while(|v| **v <= value + tiny).nth(1).is_some()
+    };
+    let levels: Vec<&[f64]> =
+        repeated.chunk_by(|a, b| b - a <= tiny).filter(|level| comes_back(level[0])).collect();
     // Total number of occurrences of each repeating value, one entry per occurrence.
     let times: Vec<f64> = levels.iter().flat_map(|l| vec![l.len() as f64; l.len()]).collect();
     if levels.len() < MIN_LEVELS {
@@ -341,6 +350,20 @@ mod tests {
             *value = (1.0 - share) * two[0] + share * two[1];
         }
         assert_eq!(held(&mut flight, 0), None);
+    }
+
+    /// Few lost samples of a sensor whose values all differ: what it holds are no levels of a rounding.
+    #[test]
+    fn lost_samples_of_a_sensor_that_is_not_rounded_are_counted() {
+        let mut stream = Stream::new(11, "lost");
+        let mut values: Vec<f64> =
+            (0..800).map(|k| (k as f64 * 0.02).sin() + 0.05 * stream.normal()).collect();
+        let lost: Vec<usize> = (20..800).step_by(40).collect();
+        lost.iter().for_each(|k| values[*k] = values[k - 1]);
+        let mut channel =
+            Channel { output: 0, stride: 1, first: 0, good: vec![true; values.len()], values, declared: 0.0 };
+        let found = held(&mut channel, 0).unwrap();
+        assert_eq!(found.samples, lost.len());
     }
 
     #[test]
