@@ -15,5 +15,6 @@ pub mod reach;
 pub mod score_test;
 pub mod sensitivities;
 pub mod step_response;
+mod wander;
 pub(crate) mod wave;
 pub mod whittle;

@@ -9,6 +9,7 @@ use whirlstand_ident::identify::ar::Ar;
 
 use crate::data::record::Data;
 use crate::model::innovations::Whitener;
+use crate::model::wander::or_wandering;
 
 /// Noise model of all channels.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,7 +63,7 @@ impl Noise {
         let ranges = data.ranges();
         let models = over_channels(data, |c| {
             let (channel, r) = (&data.channels[c], &residual[ranges[c].clone()]);
-            let mut ar = Ar::fit(&[r], MAX_AR_ORDER);
+            let mut ar = or_wandering(Ar::fit(&[r], MAX_AR_ORDER), r);
             let white = filtered(&ar, r);
             let (mut sum, mut power, mut rows) = (0.0, 0.0, 0usize);
             for ((e, r), _) in
@@ -85,7 +86,7 @@ impl Noise {
         for (channel, (ar, total, rows)) in data.channels.iter().zip(models) {
             profile.log_likelihood -= 0.5 * rows as f64 * (ar.variance.ln() + 1.0);
             profile.rows += rows;
-            profile.parameters += ar.order() + 1;
+            profile.parameters += ar.parameters + 1;
             // The innovations of a predictor that follows the record exceed the noise of its sensors.
             if data.memory_s.is_none() && channel.declared > 0.0 {
                 profile.log_likelihood -=

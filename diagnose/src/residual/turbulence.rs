@@ -76,7 +76,7 @@ pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Op
     let rows = (2.0 * cross.averages.iter().sum::<f64>() * cross.channels.len() as f64).ln();
     let density = |band: usize, c: usize| ar_density(&noise[cross.channels[c]], cross.f[band], data.period_s);
     let alone = whittle(&cross, density, |_| 0.0, &[])?;
-    let parameters: usize = cross.channels.iter().map(|c| noise[*c].order() + 1).sum();
+    let parameters: usize = cross.channels.iter().map(|c| noise[*c].parameters + 1).sum();
     let alone = -2.0 * alone + parameters as f64 * rows;
     let fits: Vec<(usize, Shaped, f64)> = (0..vehicle.states.len())
         .into_par_iter()
