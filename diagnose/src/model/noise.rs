@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use whirlstand_ident::identify::ar::Ar;
 
-use crate::data::record::Data;
+use crate::data::record::{Channel, Data};
 use crate::model::innovations::Whitener;
 use crate::model::wander::or_wandering;
 
@@ -63,7 +63,9 @@ impl Noise {
         let ranges = data.ranges();
         let models = over_channels(data, |c| {
             let (channel, r) = (&data.channels[c], &residual[ranges[c].clone()]);
-            let mut ar = or_wandering(Ar::fit(&[r], MAX_AR_ORDER), r);
+            let free = Ar::fit(&[r], MAX_AR_ORDER);
+            // A wander of any size would explain any slow misfit: it is noise where the size of the noise is known.
+            let mut ar = if is_declared(data, channel) { or_wandering(free, r) } else { free };
             let white = filtered(&ar, r);
             let (mut sum, mut power, mut rows) = (0.0, 0.0, 0usize);
             for ((e, r), _) in
@@ -87,8 +89,7 @@ impl Noise {
             profile.log_likelihood -= 0.5 * rows as f64 * (ar.variance.ln() + 1.0);
             profile.rows += rows;
             profile.parameters += ar.parameters + 1;
-            // The innovations of a predictor that follows the record exceed the noise of its sensors.
-            if data.memory_s.is_none() && channel.declared > 0.0 {
+            if is_declared(data, channel) {
                 profile.log_likelihood -=
                     0.5 * ((total / channel.declared).ln() / DECLARED_NOISE_LOG_STD).powi(2);
             }
@@ -196,6 +197,12 @@ impl Noise {
         let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
         whirlstand_logs::stats::rms(&kept)
     }
+}
+
+/// True where the size of a residual's noise is known. The innovations of a predictor that follows the record exceed the noise
+/// of its sensors.
+fn is_declared(data: &Data, channel: &Channel) -> bool {
+    data.memory_s.is_none() && channel.declared > 0.0
 }
 
 /// A result for each channel, all at once where the record is long.
