@@ -114,7 +114,7 @@ fn identify_finds_a_draft_again() -> Outcome {
         let log = flights.join(log).display().to_string();
         let call = ["identify", &log, "--vehicle", &path("drafted.toml"), "--json", &path("fitted.json")];
         run(call).success();
-        let fitted = json(&path("fitted.json"));
+        let fitted = json(path("fitted.json"));
         let value = |all: &Value, name: &Value| {
             let of = all.as_array().unwrap().iter().find(|p| p["name"] == *name);
             of.unwrap_or_else(|| panic!("{name} in {all}"))["value"].as_f64().unwrap()

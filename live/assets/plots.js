@@ -74,7 +74,8 @@ class Plots {
   async run(sweepMs) {
     for (;;) {
       const began = performance.now();
-      if (!document.hidden) await this.sweep();
+      // A plot that could not be drawn is told to the console, and tried again.
+      if (!document.hidden) await this.sweep().catch((error) => console.error(error));
       await pause(Math.max(began + sweepMs - performance.now(), 0));
     }
   }

@@ -20,6 +20,7 @@ use super::select::{answers_the_input, select};
 use super::structure::{Actuators, Signals, rounded};
 use super::survey::{Link, check_motors, fast_enough, link, moves, takes_away};
 use crate::identify::align::lags;
+use crate::identify::forces::{FORCES, WANDERING};
 
 /// Shortest step of a fit, s: the motion of a vehicle is slower than a gyroscope's sampling.
 const SHORTEST_STEP_S: f64 = 0.004;
@@ -313,6 +314,7 @@ fn provenance(log: &str, names: &Names) -> Vec<(String, String)> {
         ("command".into(), "vehicle new".into()),
         ("method".into(), "pem".into()),
         ("noise".into(), "kalman".into()),
+        (FORCES.into(), WANDERING.into()),
         (SENSOR_NOISE.into(), ESTIMATED_IN_MOTION.into()),
         ("log_1".into(), log.to_string()),
     ];

@@ -15,6 +15,11 @@ use super::predictor::NoiseStructure;
 use super::problem::Problem;
 use super::start::measuring_outputs;
 
+/// Key of a vehicle file's provenance that says beside which forces its values were found.
+pub const FORCES: &str = "forces";
+/// Its value for forces that wander.
+pub const WANDERING: &str = "wandering";
+
 /// States with dynamics on which a force can be told from the outputs: those that an output measures alone, or whose
 /// integral by definition one measures; each with such an output. The force on any other state may be unobservable, and its
 /// variance would grow for ever.

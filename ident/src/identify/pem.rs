@@ -179,10 +179,6 @@ fn explains(problem: &Problem, segments: &[Segment], e: &Evaluation) -> bool {
 /// additional starts (of a genetic algorithm); without any, the data give them. A stopped search returns the
 /// best result so far.
 ///
-/// Beside process noise, forces wander where that is the likelier explanation of the record, by the Bayesian
-/// information criterion (Schwarz, Annals of Statistics 6, 1978): the variance of each and its initial value in every
-/// segment are further unknowns.
-///
 /// # Errors
 /// [`IdentifyError::UnstableStart`].
 pub fn fit(
@@ -192,11 +188,31 @@ pub fn fit(
     extra: &[Vec<f64>],
     watch: &Watch,
 ) -> Result<Fit, IdentifyError> {
-    if noise != Noise::Kalman {
-        return fit_with(problem, segments, Residuals::Outputs(noise), extra, watch);
-    }
-    let plain = fit_with(problem, segments, Residuals::Filter(NoiseStructure::new(problem)), extra, watch);
-    let Ok(plain) = plain else { return fit_beside_forces(problem, segments, extra, watch) };
+    let residuals = match noise {
+        Noise::Kalman => Residuals::Filter(NoiseStructure::new(problem)),
+        Noise::White | Noise::Coloured => Residuals::Outputs(noise),
+    };
+    fit_with(problem, segments, residuals, extra, watch)
+}
+
+/// Fits beside process noise, and beside wandering forces where these are the likelier explanation of the record, by the
+/// Bayesian information criterion (Schwarz, Annals of Statistics 6, 1978): the variance of each and its initial value in
+/// every segment are further unknowns.
+///
+/// A force that may be anything also takes what a wrong model leaves of the inputs' effect. So this is for models of which
+/// held-out predictions have shown that they are right beside such forces.
+///
+/// # Errors
+/// [`IdentifyError::UnstableStart`].
+pub fn fit_beside_likely_forces(
+    problem: &Problem,
+    segments: &[Segment],
+    extra: &[Vec<f64>],
+    watch: &Watch,
+) -> Result<Fit, IdentifyError> {
+    let Ok(plain) = fit(problem, segments, Noise::Kalman, extra, watch) else {
+        return fit_beside_forces(problem, segments, extra, watch);
+    };
     let forces = if watch.is_stopped() { Vec::new() } else { forces::likely(&plain, segments) };
     if forces.is_empty() {
         return Ok(plain);

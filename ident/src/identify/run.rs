@@ -8,6 +8,7 @@ use super::answer::{
 };
 use super::data::Segment;
 use super::disturbed::disturbed;
+use super::forces::{FORCES, WANDERING};
 use super::options::{Method, Options};
 use super::pem::{self, Fit, Noise, NoiseFit};
 use super::prepare::{Levels, without_unknown_past};
@@ -109,8 +110,14 @@ fn by_method(
     noise: Noise,
     watch: &Watch,
 ) -> Result<(Fit, Noise, usize), IdentifyError> {
+    let fit = |extra: &[Vec<f64>]| match noise {
+        Noise::Kalman if beside_forces(problem) => {
+            pem::fit_beside_likely_forces(problem, segments, extra, watch)
+        }
+        _ => pem::fit(problem, segments, noise, extra, watch),
+    };
     if options.method == Method::Pem {
-        return Ok((pem::fit(problem, segments, noise, &[], watch)?, noise, 0));
+        return Ok((fit(&[])?, noise, 0));
     }
     let found = ga::search(problem, segments, options, watch)?;
     let evaluations = found.evaluations;
@@ -119,7 +126,12 @@ fn by_method(
             .ok_or(IdentifyError::UnstableStart { tried: evaluations })?;
         return Ok((fit, Noise::White, evaluations));
     }
-    Ok((pem::fit(problem, segments, noise, &[found.theta], watch)?, noise, evaluations))
+    Ok((fit(&[found.theta])?, noise, evaluations))
+}
+
+/// True for a vehicle whose values were found beside wandering forces.
+fn beside_forces(problem: &Problem) -> bool {
+    problem.vehicle.provenance.iter().any(|(key, value)| key == FORCES && value == WANDERING)
 }
 
 /// Checks that the data contain information about the parameters.
@@ -179,6 +191,9 @@ fn answer(
     let sensors = vehicle.provenance.iter().find(|(key, _)| key == SENSOR_NOISE).cloned();
     vehicle.provenance = provenance(options, noise, fitted);
     vehicle.provenance.extend(sensors);
+    if beside_forces(problem) {
+        vehicle.provenance.push((FORCES.into(), WANDERING.into()));
+    }
     if effort.partial {
         vehicle.provenance.push(("partial".into(), "the search was ended early".into()));
     }
