@@ -1,8 +1,9 @@
 //! Predictions of a record over a horizon, and the part of them that is due to the commands.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
+use whirlstand_ident::identify::forces::pushed;
 use whirlstand_logs::stats::mean;
-use whirlstand_vehicle::{State, Vehicle};
+use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::{Channel, Data};
 use crate::model::columns::dot;
@@ -112,19 +113,7 @@ pub(super) fn blocks(
 /// the force as a random walk, and predictions hold it, so that unrecorded disturbances do not hide the
 /// response to commands.
 pub(super) fn with_forces(vehicle: &Vehicle) -> Vehicle {
-    let n = vehicle.states.len();
-    let driven: Vec<usize> = (0..n).filter(|i| vehicle.kinematic_row(*i).is_none()).collect();
-    let size = n + driven.len();
-    let mut forced = vehicle.clone();
-    forced.a.resize_mut(size, size, 0.0);
-    forced.b.resize_mut(size, vehicle.inputs.len(), 0.0);
-    forced.c.resize_mut(vehicle.outputs.len(), size, 0.0);
-    for (k, i) in driven.into_iter().enumerate() {
-        forced.a[(i, n + k)] = 1.0;
-        let state = &vehicle.states[i];
-        forced.states.push(State { name: format!("force on {}", state.name), bound: None, ..state.clone() });
-    }
-    forced
+    pushed(vehicle, (0..vehicle.states.len()).filter(|i| vehicle.kinematic_row(*i).is_none()))
 }
 
 /// Hypothesis to test about the commands' part in the predictions.

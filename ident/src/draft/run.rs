@@ -20,7 +20,7 @@ use super::select::{answers_the_input, select};
 use super::structure::{Actuators, Signals, rounded};
 use super::survey::{Link, check_motors, fast_enough, link, moves, takes_away};
 use crate::identify::align::lags;
-use crate::identify::forces::{FORCES, WANDERING};
+use crate::identify::force_fit::{FORCES, WANDERING};
 
 /// Shortest step of a fit, s: the motion of a vehicle is slower than a gyroscope's sampling.
 const SHORTEST_STEP_S: f64 = 0.004;

@@ -10,7 +10,7 @@ use super::own_past::{Ahead, Regression, compare, lags, starts};
 use super::structure::{Signals, Structure};
 use crate::identify::Segment;
 use crate::identify::fitted::Fit;
-use crate::identify::pem;
+use crate::identify::force_fit::fit_beside_forces;
 use crate::identify::problem::{Nuisance, Parameter, Problem};
 use crate::watch::Watch;
 
@@ -154,7 +154,7 @@ fn tried(
     let problem = Problem::new(&vehicle, &pair.fitted, Nuisance::default())?;
     let extra: Vec<Vec<f64>> =
         simpler.iter().flat_map(|fit| extended_starts(&vehicle, &problem, fit)).collect();
-    let Ok(fit) = pem::fit_beside_forces(&problem, &pair.fitted, &extra, &Watch::default()) else {
+    let Ok(fit) = fit_beside_forces(&problem, &pair.fitted, &extra, &Watch::default()) else {
         return Ok(None);
     };
     let lags = lags(pair.period_s);

@@ -11,7 +11,7 @@ use super::search::{Limits, Outcome, descends, search};
 use super::{filter_error, spread, start};
 use crate::watch::Watch;
 
-/// Number of given starts from which a short search is made, besides the best one from the data.
+/// Number of the caller's starts from which a short search is made, besides the data's and the file's.
 const MOST_SEARCHED: usize = 4;
 /// Steps of a short search.
 const SHORT: usize = 12;
@@ -26,8 +26,8 @@ pub struct Start {
 }
 
 /// Start of the search. An equation-error fit to the data with the best short predictions suffices, since the
-/// filter follows the record. Where the caller gives further starts, short searches from those and from the
-/// data's start decide, as the likelihood of a start depends on the noises, which no start includes.
+/// filter follows the record. Short searches from it, from the vehicle file's own values and from further starts of
+/// the caller decide, as the likelihood of a start depends on the noises, which no start includes.
 pub fn kalman_start(
     problem: &Problem,
     structure: &NoiseStructure,
@@ -106,7 +106,7 @@ fn first_noise(problem: &Problem, segments: &[Segment], structure: &NoiseStructu
     let own = problem.n() - structure.forces.len();
     let driven = structure.states.iter().map(|&j| {
         // A force begins as large as the noise of the state on which it acts.
-        let force = j.checked_sub(own).map(|force| structure.forces[force].1);
+        let force = j.checked_sub(own).map(|force| structure.forces[force].output);
         if let Some(at) = force.and_then(|output| structure.outputs.iter().position(|i| *i == output)) {
             return noise(0.3 * measured[at].0 * over, 0.0);
         }

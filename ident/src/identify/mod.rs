@@ -13,6 +13,7 @@ mod disturbed;
 mod error;
 pub mod filter_error;
 pub mod fitted;
+pub mod force_fit;
 pub mod forces;
 pub mod ga;
 mod kalman;

@@ -11,7 +11,7 @@ use super::predictor::NoiseStructure;
 use super::problem::{Parameter, Problem};
 use super::search::{Derivatives, Limits, Outcome, Point, descends, search};
 use super::spread::{self, Undetermined};
-use super::{IdentifyError, forces, start};
+use super::{IdentifyError, start};
 use crate::watch::Watch;
 
 /// Noise model of the residuals.
@@ -195,67 +195,18 @@ pub fn fit(
     fit_with(problem, segments, residuals, extra, watch)
 }
 
-/// Fits beside process noise, and beside wandering forces where these are the likelier explanation of the record, by the
-/// Bayesian information criterion (Schwarz, Annals of Statistics 6, 1978): the variance of each and its initial value in
-/// every segment are further unknowns.
-///
-/// A force that may be anything also takes what a wrong model leaves of the inputs' effect. So this is for models of which
-/// held-out predictions have shown that they are right beside such forces.
+/// Fits by prediction error with one structure of a filter's noise, as [`fit`] does.
 ///
 /// # Errors
 /// [`IdentifyError::UnstableStart`].
-pub fn fit_beside_likely_forces(
+pub fn fit_beside(
     problem: &Problem,
     segments: &[Segment],
+    noise: NoiseStructure,
     extra: &[Vec<f64>],
     watch: &Watch,
 ) -> Result<Fit, IdentifyError> {
-    let Ok(plain) = fit(problem, segments, Noise::Kalman, extra, watch) else {
-        return fit_beside_forces(problem, segments, extra, watch);
-    };
-    let forces = if watch.is_stopped() { Vec::new() } else { forces::likely(&plain, segments) };
-    if forces.is_empty() {
-        return Ok(plain);
-    }
-    let mut starts = extra.to_vec();
-    starts.push(values(problem, &plain));
-    let more = forces.len() * (1 + if problem.nuisance.initial_state { segments.len() } else { 0 });
-    let structure = NoiseStructure::with_forces(problem, forces);
-    let Ok(wide) = fit_with(problem, segments, Residuals::Filter(structure), &starts, watch) else {
-        return Ok(plain);
-    };
-    let samples = segments.iter().flat_map(|s| &s.outputs).filter(|y| y.is_finite()).count();
-    let is_likelier = plain.cost - wide.cost > 0.5 * more as f64 * (samples as f64).ln();
-    Ok(if is_likelier { wide } else { plain })
-}
-
-/// Fits beside process noise and wandering forces on all states on which one can be told.
-///
-/// # Errors
-/// [`IdentifyError::UnstableStart`].
-pub fn fit_beside_forces(
-    problem: &Problem,
-    segments: &[Segment],
-    extra: &[Vec<f64>],
-    watch: &Watch,
-) -> Result<Fit, IdentifyError> {
-    fit_with(
-        problem,
-        segments,
-        Residuals::Filter(NoiseStructure::with_forces(problem, forces::observable(problem))),
-        extra,
-        watch,
-    )
-}
-
-/// Values of all parameters of a problem as a fit found or fixed them, SI.
-fn values(problem: &Problem, fit: &Fit) -> Vec<f64> {
-    let found = |p: &Parameter| {
-        let free =
-            fit.problem.parameters.iter().position(|own| own.target == p.target).map(|at| fit.theta[at]);
-        free.or_else(|| fit.fixed.iter().find(|f| f.parameter.target == p.target).map(|f| f.value))
-    };
-    problem.parameters.iter().map(|p| found(p).unwrap_or(p.lower)).collect()
+    fit_with(problem, segments, Residuals::Filter(noise), extra, watch)
 }
 
 /// Residuals that a fit makes small.

@@ -59,6 +59,15 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
+/// A force that wanders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Force {
+    /// Index of the state in whose equation it acts.
+    pub on: usize,
+    /// Index of an output that shows it.
+    pub output: usize,
+}
+
 /// Structure of the noise: states with process noise, and outputs with measurement noise.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NoiseStructure {
@@ -66,9 +75,8 @@ pub struct NoiseStructure {
     pub states: Vec<usize>,
     /// Indices of the outputs with measurement noise.
     pub outputs: Vec<usize>,
-    /// States on which a force wanders, each with an output that shows it. The forces are states of the predictor after
-    /// those of the vehicle, with process noise of their own: [`forces::with_forces`](super::forces::with_forces).
-    pub forces: Vec<(usize, usize)>,
+    /// Wandering forces, which are states of the predictor after those of the vehicle, with process noise of their own.
+    pub forces: Vec<Force>,
 }
 
 impl NoiseStructure {
@@ -82,8 +90,8 @@ impl NoiseStructure {
         }
     }
 
-    /// As [`new`](Self::new), with a wandering force on some states, each with an output that shows it.
-    pub fn with_forces(problem: &Problem, forces: Vec<(usize, usize)>) -> Self {
+    /// As [`new`](Self::new), with wandering forces.
+    pub fn with_forces(problem: &Problem, forces: Vec<Force>) -> Self {
         let mut structure = Self::new(problem);
         structure.states.extend((0..forces.len()).map(|k| problem.n() + k));
         Self { forces, ..structure }

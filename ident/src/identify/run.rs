@@ -8,7 +8,7 @@ use super::answer::{
 };
 use super::data::Segment;
 use super::disturbed::disturbed;
-use super::forces::{FORCES, WANDERING};
+use super::force_fit::{FORCES, WANDERING, fit_beside_likely_forces, pushed_states, was_found_beside_forces};
 use super::options::{Method, Options};
 use super::pem::{self, Fit, Noise, NoiseFit};
 use super::prepare::{Levels, without_unknown_past};
@@ -111,8 +111,8 @@ fn by_method(
     watch: &Watch,
 ) -> Result<(Fit, Noise, usize), IdentifyError> {
     let fit = |extra: &[Vec<f64>]| match noise {
-        Noise::Kalman if beside_forces(problem) => {
-            pem::fit_beside_likely_forces(problem, segments, extra, watch)
+        Noise::Kalman if was_found_beside_forces(&problem.vehicle) => {
+            fit_beside_likely_forces(problem, segments, extra, watch)
         }
         _ => pem::fit(problem, segments, noise, extra, watch),
     };
@@ -127,11 +127,6 @@ fn by_method(
         return Ok((fit, Noise::White, evaluations));
     }
     Ok((fit(&[found.theta])?, noise, evaluations))
-}
-
-/// True for a vehicle whose values were found beside wandering forces.
-fn beside_forces(problem: &Problem) -> bool {
-    problem.vehicle.provenance.iter().any(|(key, value)| key == FORCES && value == WANDERING)
 }
 
 /// Checks that the data contain information about the parameters.
@@ -191,7 +186,7 @@ fn answer(
     let sensors = vehicle.provenance.iter().find(|(key, _)| key == SENSOR_NOISE).cloned();
     vehicle.provenance = provenance(options, noise, fitted);
     vehicle.provenance.extend(sensors);
-    if beside_forces(problem) {
+    if was_found_beside_forces(&problem.vehicle) {
         vehicle.provenance.push((FORCES.into(), WANDERING.into()));
     }
     if effort.partial {
@@ -204,7 +199,7 @@ fn answer(
         vehicle: vehicle.name.clone(),
         method: options.method,
         noise,
-        wandering_forces: wandering_forces(&fit),
+        wandering_forces: pushed_states(&fit),
         closed_loop: options.closed_loop,
         seed: options.seed,
         version: env!("CARGO_PKG_VERSION").into(),
@@ -306,11 +301,6 @@ fn parameters(fit: &Fit, errors: bool) -> Vec<ParameterAnswer> {
 fn correlations(fit: &Fit) -> Vec<Vec<f64>> {
     let n = fit.theta.len();
     (0..n).map(|i| (0..n).map(|j| correlation(&fit.covariance, i, j)).collect()).collect()
-}
-
-fn wandering_forces(fit: &Fit) -> Vec<String> {
-    let NoiseFit::Kalman(structure, _) = &fit.noise else { return Vec::new() };
-    structure.forces.iter().map(|(on, _)| fit.problem.vehicle.states[*on].name.clone()).collect()
 }
 
 fn fixed(fit: &Fit) -> Vec<FixedAnswer> {

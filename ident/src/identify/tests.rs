@@ -181,7 +181,8 @@ fn a_wandering_force_in_a_closed_loop_biases_nothing() {
     for (wind, is_told) in [(10.0, true), (0.0, false)] {
         let segments = flown(wind);
         let problem = Problem::new(&vehicle, &segments, Nuisance::default()).unwrap();
-        let fit = super::pem::fit_beside_likely_forces(&problem, &segments, &[], &Watch::default()).unwrap();
+        let fit =
+            super::force_fit::fit_beside_likely_forces(&problem, &segments, &[], &Watch::default()).unwrap();
         let super::pem::NoiseFit::Kalman(structure, _) = &fit.noise else { panic!("{:?}", fit.noise) };
         assert_eq!(!structure.forces.is_empty(), is_told, "wind {wind}");
         for (i, (p, truth)) in fit.problem.parameters.iter().zip([-2.0, 60.0]).enumerate() {
