@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -181,13 +181,19 @@ impl LogFile {
             return Ok(None);
         }
         let mut head = [0; HEAD as usize];
-        let io = |source| ReadError::Io { path: self.path.clone(), source };
-        self.file.read_exact(&mut head).map_err(io)?;
+        self.file.read_exact(&mut head).map_err(|source| ReadError::Io { path: self.path.clone(), source })?;
         self.offset += HEAD;
         let mut length = [0; 8];
         length.copy_from_slice(&head[1..]);
-        let wanted = u64::from_le_bytes(length);
+        let mut wanted = u64::from_le_bytes(length);
         let available = self.length - self.offset;
+        if wanted > available && head[0] == op::CHUNK {
+            // Cut off, or a damaged length: the chunk's own head says how long it is as well. With that length
+            // its checksum can be tested, and the records behind it are found.
+            let own = self.length_in_chunk();
+            let own = own.map_err(|source| ReadError::Io { path: self.path.clone(), source })?;
+            wanted = own.filter(|own| *own <= available).unwrap_or(wanted);
+        }
         let take = wanted.min(available);
         // Only a chunk is useful in part.
         if wanted > available && head[0] != op::CHUNK {
@@ -195,9 +201,31 @@ impl LogFile {
             return Ok(None);
         }
         self.body.clear();
-        self.file.by_ref().take(take).read_to_end(&mut self.body).map_err(io)?;
+        let read = self.file.by_ref().take(take).read_to_end(&mut self.body);
+        read.map_err(|source| ReadError::Io { path: self.path.clone(), source })?;
         self.offset += take;
         Ok(Some((head[0], wanted)))
+    }
+
+    /// Length of the chunk that starts here, as the fields at its start give it (MCAP specification 1.0, "Chunk":
+    /// two times, uncompressed size, checksum, name of the compression, size of the records). `None` when the
+    /// file ends before. The position in the file stays.
+    fn length_in_chunk(&mut self) -> std::io::Result<Option<u64>> {
+        const NAME: u64 = 8 + 8 + 8 + 4;
+        let mut read = |at: u64, size: usize| {
+            if self.offset + at + size as u64 > self.length {
+                return Ok(None);
+            }
+            let mut bytes = [0; 8];
+            self.file.seek(SeekFrom::Start(self.offset + at))?;
+            self.file.read_exact(&mut bytes[..size])?;
+            std::io::Result::Ok(Some(u64::from_le_bytes(bytes)))
+        };
+        let name = read(NAME, 4)?;
+        let head = name.map(|length| NAME + 4 + length + 8);
+        let records = head.map_or(Ok(None), |head| read(head - 8, 8))?;
+        self.file.seek(SeekFrom::Start(self.offset))?;
+        Ok(head.zip(records).and_then(|(head, records)| head.checked_add(records)))
     }
 
     fn record(&mut self, opcode: u8, body: &[u8], length: u64) -> Result<Option<Step>, McapError> {

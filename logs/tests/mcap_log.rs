@@ -236,6 +236,47 @@ fn another_version_and_other_files_are_refused_by_name() {
     assert!(read::<Imu>(&folder.path().join("new.mcap")).is_empty());
 }
 
+/// A chunk whose length reaches beyond the file looks like the last one of a killed recorder, whose checksum cannot be tested.
+#[test]
+fn a_damaged_length_of_a_chunk_hides_neither_its_checksum_nor_what_follows() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log.mcap");
+    std::mem::forget(write(&path, 0, 60, 20));
+    let sound = fs::read(&path).unwrap();
+    let chunks: Vec<usize> = chunks(&sound);
+    assert_eq!(chunks.len(), 3);
+    for high in [3, 5, 8] {
+        let mut bytes = sound.clone();
+        bytes[chunks[1] + high] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+        assert_eq!(read::<Imu>(&path).len(), 60, "the length alone");
+
+        // A value in the middle of the chunk as well: all of it is left out, and said.
+        bytes[(chunks[1] + chunks[2]) / 2] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+        let imus = read::<Imu>(&path);
+        assert_eq!(imus.len(), 40);
+        assert!(imus.iter().all(|m| *m == imu(m.head.step)));
+        let log = Log::open(&path).unwrap();
+        let mut stream = log.stream().unwrap();
+        while stream.next().unwrap().is_some() {}
+        assert_eq!(stream.damage().len(), 1, "{:?}", stream.damage());
+    }
+}
+
+/// Offsets of the chunks of a log.
+fn chunks(bytes: &[u8]) -> Vec<usize> {
+    let mut at = mcap::MAGIC.len();
+    let mut found = Vec::new();
+    while at + 9 <= bytes.len() {
+        if bytes[at] == mcap::records::op::CHUNK {
+            found.push(at);
+        }
+        at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+    }
+    found
+}
+
 /// Reads everything there is, and checks that what is read was written.
 fn survives(path: &Path) -> usize {
     let Ok(log) = Log::open(path) else { return 0 };
