@@ -7,11 +7,13 @@
 //! - *definition*: defines a word of the answer.
 
 mod noise;
+mod samples;
 mod screen;
 
 use whirlstand_ident::identify::search::Limits;
 
 pub(crate) use noise::*;
+pub(crate) use samples::*;
 pub(crate) use screen::*;
 
 // data: what a record shows by itself
@@ -40,46 +42,6 @@ pub(crate) const STUCK_SHARE: f64 = 0.05;
 /// Fit above which two channels are taken to be the same signal, 0 to 1. More than half of the power of one channel
 /// is that of the other.
 pub(crate) const SAME_SIGNAL_FIT: f64 = 0.6;
-/// Smallest rounding step that is named, relative to the noise. Sheppard (1898): rounding below half of the
-/// noise is noise of step / sqrt(12).
-pub(crate) const COARSE_STEP_SHARE: f64 = 0.5;
-/// Fewest samples of an effect. Calibrated.
-pub(crate) const MIN_HELD_SAMPLES: usize = 5;
-/// Fewest levels of a rounded signal; fewer may be a switched one. Calibrated.
-pub(crate) const MIN_LEVELS: usize = 3;
-/// Fewest rounding steps in a signal's range for which a limit can be told from rounding. Calibrated.
-pub(crate) const MIN_STEPS_OF_A_LIMIT: f64 = 8.0;
-/// Smallest share of new values with which a sensor counts as one that occasionally loses some; below it, the
-/// sensor is a slower one. Calibrated.
-pub(crate) const NEW_VALUE_SHARE: f64 = 0.25;
-/// Values that repeat less often than this share of the usual number are no level of a rounded sensor.
-/// Calibrated.
-pub(crate) const OFTEN_SHARE: f64 = 0.2;
-/// Repeats are counted only where rounding makes fewer than this share of neighbours equal: elsewhere a held
-/// value would be one among many. Fisher's 5 %.
-pub(crate) const RARE_REPEAT: f64 = 0.05;
-/// Neighbours on each side to which a value is compared. Calibrated.
-pub(crate) const NEIGHBOURS: usize = 4;
-/// Fewest outliers of a channel. Calibrated.
-pub(crate) const MIN_OUTLIERS: usize = 3;
-/// Fewer than [`MIN_OUTLIERS`] outliers count only if each exceeds the limit by this factor. Calibrated.
-pub(crate) const OUTLIER_SIZE_RATIO: f64 = 1.5;
-/// Degrees of freedom tried for heavy-tailed noise. Cost.
-pub(crate) const STUDENT_DEGREES: [f64; 8] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0];
-/// Rounds in which the scale of Student's t is estimated. Cost.
-pub(crate) const STUDENT_ROUNDS: usize = 20;
-/// Rounds of expectation maximisation for outliers beside normal values. Cost.
-pub(crate) const MIXTURE_ROUNDS: usize = 20;
-/// Smallest distance of an outlier from its neighbours, in standard deviations. Two-sided Gaussian tail of
-/// 8e-11: less than 1e-5 expected in 10 minutes at 100 Hz and two channels.
-pub(crate) const OUTLIER_SIGMAS: f64 = 6.5;
-/// Distance of an outlier relative to the median distance of its neighbours from their middle. Two-sided
-/// Gaussian tail of 6e-7.
-pub(crate) const ISOLATED_SIGMAS: f64 = 5.0;
-/// Smallest outlier of a rounded channel, in rounding steps. Calibrated.
-pub(crate) const OUTLIER_STEP_RATIO: f64 = 2.5;
-/// Rounds in which coloured noise and outliers are separated. Cost.
-pub(crate) const OUTLIER_ROUNDS: usize = 2;
 /// A tone of up to this many times the declared amplitude is the declared one. Calibrated.
 pub(crate) const DECLARED_AMPLITUDE_RATIO: f64 = 1.5;
 /// How far the frequency of a rotor may be from the declared, in lines of the record's resolution, to either side.
@@ -129,6 +91,9 @@ pub(crate) const HORIZON_RECORD_SHARE: f64 = 0.1;
 pub(crate) const LEAST_HORIZON_STEPS: f64 = 10.0;
 
 // candidates: where effects are looked for
+/// Times over which the fastest mean rates of an input are taken, s: a rate limit of that size leaves the actuator behind
+/// for about as long. From one sample of a fast loop to a slow manoeuvre.
+pub(crate) const LIMITED_TIMES_S: [f64; 5] = [0.02, 0.06, 0.2, 0.6, 2.0];
 /// Stands for no limit in a parameter that must be finite.
 pub(crate) const UNBOUNDED: f64 = 1e9;
 /// Fewest times at which an event is tried. Cost.
@@ -274,7 +239,7 @@ pub(crate) const BASES_REFITTED: usize = 6;
 pub(crate) const BASES_SORTED: usize = 16;
 /// A force that follows a signal is significant below this probability of chance, over all tests. Calibrated.
 pub(crate) const FORCE_P_VALUE: f64 = 1e-5;
-/// Ratio to the declared noise from which a channel's error exceeds that of its sensor. Calibrated.
+/// Ratio of an error to the noise floor of the same record from which it is more than noise. Calibrated.
 pub(crate) const LOUD_RATIO: f64 = 1.6;
 /// A single cause is compared with forces that follow a signal when the probability of its residual by chance
 /// is below this. Calibrated.

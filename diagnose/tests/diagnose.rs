@@ -2,7 +2,9 @@
 
 mod support;
 
-use support::{changed, flight, with_gap};
+use std::f64::consts::TAU;
+
+use support::{changed, flight, steered_flight, with_gap};
 use whirlstand_diagnose::{Diagnosis, Options, Verdict, diagnose};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Kind, Vehicle, Window};
@@ -61,6 +63,31 @@ fn a_late_command_and_a_slow_actuator_are_told_apart() {
     let slow = diagnosis(fly(&with(Kind::ActuatorLag, "u_pitch", &[("time_constant_s", 0.08)]), 2));
     names(&slow, "actuator_lag", "u_pitch");
     holds(&slow, "time_constant_s", 0.08, 0.05);
+}
+
+#[test]
+fn a_rate_limit_is_found_on_a_stick_that_never_moves_fast() {
+    let slow = |t: f64, j: usize| {
+        let f = 0.13 + 0.04 * j as f64;
+        6.0 * (TAU * f * t).sin() + 3.0 * (TAU * 1.7 * f * t + 1.0).sin()
+    };
+    for seed in 1..=3 {
+        let limited = with(Kind::RateLimit, "u_roll", &[("limit_per_s", 4.0)]);
+        let record = steered_flight(&limited, 30.0, &[0.0; 4], Some(seed), slow, |x| vec![0.0; x.len()]);
+        let answer = diagnosis(record);
+        names(&answer, "rate_limit", "u_roll");
+        holds(&answer, "limit_per_s", 4.0, 0.05);
+    }
+}
+
+#[test]
+fn a_single_spike_is_no_silent_loss() {
+    let record = changed(&fly(&quadrotor(), 21), "pitch_rate", |k, v| if k == 1234 { v + 2.0 } else { v });
+    let answer = diagnosis(record);
+    let named = answer.causes.iter().any(|c| c.effect == "outliers" && c.place == "pitch_rate");
+    let told = answer.data.iter().any(|f| f.kind == "outliers" && f.text.contains("12.340 s"));
+    assert!(named || told, "{}", answer.text());
+    assert!(answer.causes.iter().all(|c| c.effect == "outliers"), "{}", answer.text());
 }
 
 #[test]

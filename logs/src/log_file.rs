@@ -181,7 +181,9 @@ impl LogFile {
             return Ok(None);
         }
         let mut head = [0; HEAD as usize];
-        self.file.read_exact(&mut head).map_err(|source| ReadError::Io { path: self.path.clone(), source })?;
+        self.file
+            .read_exact(&mut head)
+            .map_err(|source| ReadError::Io { path: self.path.clone(), source })?;
         self.offset += HEAD;
         let mut length = [0; 8];
         length.copy_from_slice(&head[1..]);

@@ -196,6 +196,6 @@ pub(crate) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<Fit> {
 fn floor(fit: &Fit, data: &Data, vehicle: &Vehicle, c: usize) -> f64 {
     let total = fit.profile.noise.std(c, data, &fit.residual);
     let declared = vehicle.outputs[data.channels[c].output].noise;
-    let innovation = fit.profile.noise.channels[c].variance.sqrt();
+    let innovation = fit.profile.noise.channels[c].variance().sqrt();
     if declared > 0.0 && total > 2.0 * declared { innovation.max(declared) } else { total }
 }

@@ -19,6 +19,18 @@ fn free(name: &'static str, lower: f64, upper: f64, scale: f64) -> Tunable {
     Tunable { name, lower, upper, scale, size: false }
 }
 
+/// Start values of a rate limit: well below the fastest mean rates of the input over several times, so that it acts in
+/// this record, on a slow pilot as on steps; and twice the fastest of all, as a command that is held jumps at the
+/// beginning of its period. Rates that are nearly the same give one start.
+fn limits(rates: &[f64]) -> Vec<Vec<f64>> {
+    let fastest = rates.iter().copied().fold(0.0, f64::max);
+    let below = rates.iter().map(|rate| 0.75 * rate);
+    let mut starts: Vec<f64> = below.chain([2.0 * fastest]).filter(|limit| *limit > 0.0).collect();
+    starts.sort_by(f64::total_cmp);
+    starts.dedup_by(|a, b| *a < 1.2 * *b);
+    starts.into_iter().map(|limit| vec![limit]).collect()
+}
+
 struct Builder<'v> {
     vehicle: &'v Vehicle,
     sizes: &'v Sizes,
@@ -96,10 +108,8 @@ impl Builder<'_> {
             let width = tunable("width", 0.0, 2.0 * peak, 1e-3 * peak);
             self.add(Kind::Backlash, name, &[width], shares(&[0.05, 0.15, 0.4, 0.9]));
             let fastest = 2.0 * peak / period;
-            let limits = [0.02, 0.06, 0.2, 0.6, 2.0].into_iter().filter(|t| *t > period);
-            let starts = limits.map(|t| vec![2.0 * peak / t]).collect();
             let limit = tunable("limit_per_s", 1e-3 * peak, fastest, 1e-3 * peak);
-            self.add(Kind::RateLimit, name, &[limit], starts);
+            self.add(Kind::RateLimit, name, &[limit], limits(&self.sizes.input_rates[j]));
             self.saturation(j, peak);
             self.modes(name);
             for (i, other) in self.vehicle.inputs.iter().enumerate() {

@@ -6,6 +6,7 @@ use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
 use crate::answer::schema::DataFinding;
+use crate::data::outliers::Excluded;
 use crate::data::record::Data;
 use crate::model::fit::Model;
 use crate::model::free_run::FreeRun;
@@ -83,6 +84,19 @@ pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
         }
     }
     found
+}
+
+/// Finding: samples that were left out because they lie far from their neighbours.
+pub fn excluded(excluded: &Excluded, data: &Data, vehicle: &Vehicle) -> DataFinding {
+    let channel = &data.channels[excluded.channel];
+    let name = &vehicle.outputs[channel.output].name;
+    let first = excluded.samples.first().map_or(0, |k| channel.step(*k));
+    let text = format!(
+        "samples of {name} that lie far from their neighbours are not used: {}, the first at {:.3} s",
+        excluded.samples.len(),
+        data.start_s + first as f64 * data.period_s
+    );
+    finding("outliers", name, false, text)
 }
 
 /// Finds channels that stood still, and excludes those samples.

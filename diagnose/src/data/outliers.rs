@@ -92,12 +92,25 @@ fn student(values: &[f64]) -> f64 {
     STUDENT_DEGREES.into_iter().filter_map(of).fold(f64::NEG_INFINITY, f64::max)
 }
 
+/// Samples that were excluded because they lie far from their neighbours, without being the outliers of the table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Excluded {
+    /// Index of the channel.
+    pub channel: usize,
+    /// Index of each sample.
+    pub samples: Vec<usize>,
+}
+
 /// Finds outliers in a residual (all channels), and excludes them. In a channel that is `known` to round,
 /// clip or repeat its values, the remaining errors of these effects look like outliers to a model of coloured
 /// noise: there, only several values far from their neighbours count.
-pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Vec<SampleEffect> {
+pub fn outliers(
+    data: &mut Data,
+    residual: &[f64],
+    known: &[SampleEffect],
+) -> (Vec<SampleEffect>, Vec<Excluded>) {
     let ranges = data.ranges();
-    let mut found = Vec::new();
+    let (mut found, mut excluded) = (Vec::new(), Vec::new());
     for (index, (channel, range)) in data.channels.iter_mut().zip(ranges).enumerate() {
         let r = &residual[range];
         let own: Vec<&SampleEffect> = known.iter().filter(|e| e.channel == index).collect();
@@ -126,6 +139,8 @@ pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Ve
             channel.good[*k] = false;
         }
         if !alike(&wild) {
+            let samples = wild.values.iter().map(|(k, _)| *k).collect();
+            excluded.push(Excluded { channel: index, samples });
             continue;
         }
         let (magnitude, differing) = wild.sizes();
@@ -139,7 +154,7 @@ pub fn outliers(data: &mut Data, residual: &[f64], known: &[SampleEffect]) -> Ve
         let samples = wild.values.len();
         found.push(SampleEffect { kind: Kind::Outliers, channel: index, parameters, samples });
     }
-    found
+    (found, excluded)
 }
 
 /// Drops outliers that the causes explain: a delayed sensor errs most where its signal jumps. `good` marks
@@ -155,7 +170,7 @@ pub fn still_wild(samples: &mut Vec<SampleEffect>, data: &Data, good: Vec<Vec<bo
     let measured = data.channels.iter().flat_map(|c| &c.values);
     let mut residual: Vec<f64> = measured.zip(predicted).map(|(y, p)| y - p).collect();
     data.fill(&mut residual);
-    let again = outliers(&mut data, &residual, &others);
+    let (again, _) = outliers(&mut data, &residual, &others);
     samples.retain(|e| e.kind != Kind::Outliers || again.iter().any(|a| a.channel == e.channel));
 }
 
@@ -164,10 +179,10 @@ fn far(r: &[f64], good: &[bool], least: f64) -> Wild {
     // Distance of a value from its neighbours, and scatter of the neighbours.
     let (away, scatter): (Vec<f64>, Vec<f64>) = (0..r.len())
         .map(|k| {
-            let around: Vec<f64> = (k.saturating_sub(NEIGHBOURS)..(k + NEIGHBOURS + 1).min(r.len()))
-                .filter(|j| *j != k && good[*j])
-                .map(|j| r[j])
-                .collect();
+            // As many on either side, so that a slope does not count.
+            let reach = NEIGHBOURS.min(k).min(r.len() - 1 - k);
+            let around: Vec<f64> =
+                (k - reach..=k + reach).filter(|j| *j != k && good[*j]).map(|j| r[j]).collect();
             if !good[k] || around.is_empty() {
                 return (0.0, 0.0);
             }
@@ -253,6 +268,19 @@ mod tests {
         let chi_square =
             |stream: &mut Stream| (0..degrees).map(|_| stream.normal().powi(2)).sum::<f64>() / degrees as f64;
         (0..SAMPLES).map(|_| stream.normal() / chi_square(&mut stream).sqrt()).collect()
+    }
+
+    #[test]
+    fn outliers_beside_a_steep_beginning_have_one_magnitude() {
+        let mut r: Vec<f64> = normal(7);
+        r.iter_mut().enumerate().for_each(|(k, v)| *v += 200.0 * (-(k as f64) / 12.0).exp());
+        for k in [800, 1700, 2900] {
+            r[k] += 60.0;
+        }
+        let wild = far(&r, &[true; SAMPLES], 0.0);
+        assert_eq!(wild.values.iter().map(|(k, _)| *k).collect::<Vec<_>>(), [800, 1700, 2900]);
+        let (magnitude, differing) = wild.sizes();
+        assert!(differing < 0.1 * magnitude && wild.are_apart());
     }
 
     #[test]

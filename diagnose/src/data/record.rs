@@ -186,6 +186,16 @@ impl Data {
         self.inputs.iter().skip(j).step_by(self.m).copied()
     }
 
+    /// Fastest mean rate of an input over `time_s`, at least one step, within one record.
+    pub fn fastest(&self, j: usize, time_s: f64) -> f64 {
+        let values: Vec<f64> = self.input(j).collect();
+        let span = ((time_s / self.period_s).round() as usize).max(1);
+        let apart = |k: usize| self.starts.iter().any(|start| (k + 1..=k + span).contains(start));
+        let within = (0..values.len().saturating_sub(span)).filter(|k| !apart(*k));
+        let moved = within.map(|k| (values[k + span] - values[k]).abs()).fold(0.0, f64::max);
+        moved / (span as f64 * self.period_s)
+    }
+
     /// Index ranges of the channels in a vector of all samples, channel after channel.
     pub fn ranges(&self) -> Vec<std::ops::Range<usize>> {
         let mut at = 0;

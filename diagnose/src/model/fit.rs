@@ -1,6 +1,8 @@
 //! A hypothesis about a record: a vehicle and effects with free parameters, fitted together.
 
 use crate::thresholds::{FIT_TOLERANCE, MAX_DAMPED_STEPS};
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use whirlstand_vehicle::{Effect, Free, Vehicle};
@@ -121,7 +123,7 @@ impl<'r, 'd> Model<'r, 'd> {
     }
 
     /// Fits all values to the optimum, alternating with the noise model. `initial` are sensitivities to the
-    /// initial state from a model nearby: they guide the search, and the result does not depend on them.
+    /// initial state from a model nearby, with which the search begins: the result does not depend on them.
     ///
     /// # Errors
     /// When the start, or a point next to it, cannot be simulated.
@@ -191,11 +193,20 @@ impl<'r, 'd> Model<'r, 'd> {
         // noise model does not change them.
         let mut kept: Option<Vec<Vec<f64>>> = None;
         let mut damping = 1e-4;
-        for _ in 0..outer {
+        // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
+        // model are orthogonal to the residual: each further round has its own.
+        let mut exact: Option<Vec<Column>> = None;
+        for round in 0..outer {
+            if round > 0 && initial.is_some() {
+                let vehicle = self.vehicle(&values)?;
+                let own = self.free_run.initial_columns(&vehicle, &values[..self.states()], &predicted)?;
+                exact = Some(own.into_iter().map(Arc::new).collect());
+            }
             let mut white = used.whiten(data, &residual);
             let mut cost = dot(&white, &white);
             // Given sensitivities are the same in every step: they are whitened once.
-            let known = initial.map(|columns| whitened(&used, data, columns)).map(|w| (products(&w), w));
+            let given = exact.as_deref().or(initial);
+            let known = given.map(|columns| whitened(&used, data, columns)).map(|w| (products(&w), w));
             for _ in 0..inner {
                 let (information, right) = match &known {
                     Some((products, known)) => {
@@ -230,7 +241,8 @@ impl<'r, 'd> Model<'r, 'd> {
             let same = next.noise == used;
             profile = next;
             used = profile.noise.clone();
-            if same || gain.abs() < FIT_TOLERANCE || self.free_run.is_stopped() {
+            let settled = same || gain.abs() < FIT_TOLERANCE;
+            if settled && (initial.is_none() || exact.is_some()) || self.free_run.is_stopped() {
                 break;
             }
         }

@@ -1,4 +1,4 @@
-//! Noise of a record: one autoregressive model per channel, which whitens residuals and signatures.
+//! Noise of a record: one model per channel, which whitens residuals and signatures.
 
 use crate::thresholds::{DECLARED_NOISE_LOG_STD, MAX_AR_ORDER};
 use std::sync::Arc;
@@ -8,14 +8,14 @@ use rayon::prelude::*;
 use whirlstand_ident::identify::ar::Ar;
 
 use crate::data::record::{Channel, Data};
+use crate::model::channel_noise::ChannelNoise;
 use crate::model::innovations::Whitener;
-use crate::model::wander::or_wandering;
 
 /// Noise model of all channels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Noise {
-    /// Autoregressive models, in the order of the channels.
-    pub channels: Vec<Ar>,
+    /// Models of the channels, in their order.
+    pub channels: Vec<ChannelNoise>,
     /// Total standard deviation of each channel's noise, colour included.
     pub total: Vec<f64>,
     /// Joint model of turbulence and noise of all channels, used in place of the single channels' models.
@@ -48,7 +48,7 @@ impl Noise {
     /// White noise of the given standard deviations.
     pub fn white(stds: &[f64]) -> Self {
         Self {
-            channels: stds.iter().map(|s| Ar::white(s * s)).collect(),
+            channels: stds.iter().map(|s| ChannelNoise::white(s * s)).collect(),
             total: stds.to_vec(),
             common: None,
             given: true,
@@ -63,10 +63,10 @@ impl Noise {
         let ranges = data.ranges();
         let models = over_channels(data, |c| {
             let (channel, r) = (&data.channels[c], &residual[ranges[c].clone()]);
-            let free = Ar::fit(&[r], MAX_AR_ORDER);
             // A wander of any size would explain any slow misfit: it is noise where the size of the noise is known.
-            let mut ar = if is_declared(data, channel) { or_wandering(free, r) } else { free };
-            let white = filtered(&ar, r);
+            let noise = ChannelNoise::fit(r, is_declared(data, channel));
+            let mut white = vec![0.0; r.len()];
+            noise.filter(r, &mut white);
             let (mut sum, mut power, mut rows) = (0.0, 0.0, 0usize);
             for ((e, r), _) in
                 white.iter().zip(r).zip(&channel.good).skip(MAX_AR_ORDER).filter(|(_, good)| **good)
@@ -75,9 +75,9 @@ impl Noise {
                 power += r * r;
                 rows += 1;
             }
-            ar.variance = (sum / rows.max(1) as f64).max(f64::MIN_POSITIVE);
-            let total = (power / rows.max(1) as f64).sqrt().max(ar.variance.sqrt());
-            (ar, total, rows)
+            let variance = (sum / rows.max(1) as f64).max(f64::MIN_POSITIVE);
+            let total = (power / rows.max(1) as f64).sqrt().max(variance.sqrt());
+            (noise.with_variance(variance), total, rows)
         });
         let mut profile = Profile {
             noise: Self { channels: Vec::new(), total: Vec::new(), common: None, given: false },
@@ -85,16 +85,16 @@ impl Noise {
             rows: 0,
             parameters: 0,
         };
-        for (channel, (ar, total, rows)) in data.channels.iter().zip(models) {
-            profile.log_likelihood -= 0.5 * rows as f64 * (ar.variance.ln() + 1.0);
+        for (channel, (noise, total, rows)) in data.channels.iter().zip(models) {
+            profile.log_likelihood -= 0.5 * (rows as f64 * (noise.variance().ln() + 1.0) + noise.log_det());
             profile.rows += rows;
-            profile.parameters += ar.parameters + 1;
+            profile.parameters += noise.parameters() + 1;
             if is_declared(data, channel) {
                 profile.log_likelihood -=
                     0.5 * ((total / channel.declared).ln() / DECLARED_NOISE_LOG_STD).powi(2);
             }
             profile.noise.total.push(total);
-            profile.noise.channels.push(ar);
+            profile.noise.channels.push(noise);
         }
         profile
     }
@@ -126,13 +126,13 @@ impl Noise {
         let steps = rows as f64 / data.channels.len().max(1) as f64;
         let (log_det, parameters) = match &self.common {
             Some(common) => (common.log_det(), common.parameters),
-            None => (self.channels.iter().map(|ar| ar.variance.ln()).sum(), self.channels.len()),
+            None => (self.channels.iter().map(|noise| noise.variance().ln()).sum(), self.channels.len()),
         };
         Profile { noise: self.clone(), log_likelihood: -0.5 * (sum + steps * log_det), rows, parameters }
     }
 
-    /// Whitened and normalised `samples`; 0 in rows that do not count. The first rows, which have no past to
-    /// be predicted from, are divided by the noise's total standard deviation: likelihoods leave them out,
+    /// Whitened and normalised `samples`; 0 in rows that do not count. First rows that have no past to
+    /// be predicted from are divided by the noise's total standard deviation: likelihoods leave them out,
     /// but fast modes of the initial state show nowhere else.
     pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
         let ranges = data.ranges();
@@ -142,11 +142,11 @@ impl Noise {
         let mut out = vec![0.0; samples.len()];
         let whiten = |(c, white): (usize, &mut [f64])| {
             let (channel, range) = (&data.channels[c], ranges[c].clone());
-            let (ar, total, raw) = (&self.channels[c], self.total[c], &samples[range]);
-            ar.filter(raw, white);
+            let (noise, total, raw) = (&self.channels[c], self.total[c], &samples[range]);
+            noise.filter(raw, white);
             let over = |std: f64| if std > 0.0 { 1.0 / std } else { 0.0 };
-            let (scale, early) = (over(ar.variance.sqrt()), over(total));
-            let first = white.len().min(MAX_AR_ORDER);
+            let (scale, early) = (over(noise.variance().sqrt()), over(total));
+            let first = white.len().min(noise.unpredicted());
             white[first..].iter_mut().for_each(|e| *e *= scale);
             white[..first].iter_mut().zip(raw).for_each(|(e, raw)| *e = raw * early);
             white.iter_mut().zip(&channel.good).filter(|(_, good)| !**good).for_each(|(e, _)| *e = 0.0);
@@ -182,9 +182,10 @@ impl Noise {
             return common.filter(data, samples);
         }
         let mut out = vec![0.0; samples.len()];
-        for (range, ar) in data.ranges().into_iter().zip(&self.channels) {
-            let scale = if ar.variance > 0.0 { 1.0 / ar.variance.sqrt() } else { 0.0 };
-            ar.filter(&samples[range.clone()], &mut out[range.clone()]);
+        for (range, noise) in data.ranges().into_iter().zip(&self.channels) {
+            let variance = noise.variance();
+            let scale = if variance > 0.0 { 1.0 / variance.sqrt() } else { 0.0 };
+            noise.filter_settled(&samples[range.clone()], &mut out[range.clone()]);
             out[range].iter_mut().for_each(|e| *e *= scale);
         }
         out

@@ -3,84 +3,172 @@
 //!
 //! Beside white noise a wander of the same size hardly shows from sample to sample, but holds most of the power at low
 //! frequencies. An autoregressive model of free coefficients needs many of them for it, each at the price of a parameter;
-//! this one has two, the wander's size and its time constant, and is its best prediction from as many values.
+//! this one has two, the wander's size and its time constant. Its innovations are those of a Kalman filter, exact from the
+//! first sample on: any model of finite memory takes the slowest part of the wander for an offset, a drift or a step.
 
+use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
-use nalgebra::{DMatrix, DVector};
-use whirlstand_ident::identify::ar::Ar;
+use multiversion::multiversion;
 
-use crate::model::columns::dot;
-use crate::thresholds::{MAX_AR_ORDER, WANDER_RATIOS, WANDER_TIMES};
+use crate::thresholds::{MAX_AR_ORDER, WANDER_RATIOS, WANDER_START_STEPS, WANDER_TIMES};
 
-/// Free parameters of the model besides the variance.
-const PARAMETERS: usize = 2;
+/// Sizes and time constants that are compared.
+const MEMBERS: usize = WANDER_TIMES.len() * WANDER_RATIOS.len();
 
-/// Coefficients of the predictors of all sizes and time constants, from the newest value to the oldest.
-static PREDICTORS: LazyLock<Vec<Vec<f64>>> = LazyLock::new(|| {
-    WANDER_TIMES
-        .iter()
-        .flat_map(|time| WANDER_RATIOS.iter().map(|ratio| predictor(*time, *ratio)))
-        .flatten()
-        .collect()
-});
+/// A value for each of these.
+type Each = [f64; MEMBERS];
 
-/// The best prediction of white noise of variance 1 beside a Gauss-Markov process of variance `ratio` and time constant
-/// `time`, steps, as coefficients of A(q).
-fn predictor(time: f64, ratio: f64) -> Option<Vec<f64>> {
-    let wander = |lag: usize| ratio * (-(lag as f64) / time).exp();
-    let n = MAX_AR_ORDER;
-    let covariance = DMatrix::from_fn(n, n, |i, j| wander(i.abs_diff(j)) + if i == j { 1.0 } else { 0.0 });
-    let right = DVector::from_fn(n, |i, _| -wander(i + 1));
-    Some(covariance.cholesky()?.solve(&right).iter().copied().collect())
+/// Kalman filters of all sizes and time constants, for white noise of variance 1.
+struct Bank {
+    /// Share of the zero that is left after a step.
+    decay: Each,
+    /// Variance of the wander.
+    ratio: Each,
+    /// Gain of each of the first steps; the last holds from then on.
+    gain: Vec<Each>,
+    /// Variance of the settled innovation over that of each of the first steps.
+    certainty: Vec<Each>,
+    /// Variance of the settled innovation.
+    settled: Each,
+    /// Logarithm of the determinant of the innovations that a likelihood counts, beyond settled ones.
+    log_det: Each,
 }
 
-/// The more likely of `free`, fitted to the residual, and white noise beside a wander, by BIC over the rows that have a past.
-pub(super) fn or_wandering(free: Ar, residual: &[f64]) -> Ar {
-    let n = MAX_AR_ORDER;
-    // An order of a tenth of the values, as free coefficients have.
-    if residual.len() < 10 * n {
-        return free;
-    }
-    let products = products(residual);
-    let rows = (residual.len() - n) as f64;
-    let variance = |coefficients: &[f64]| {
-        let a: Vec<f64> = std::iter::once(1.0).chain(coefficients.iter().copied()).collect();
-        let square =
-            |(i, x): (usize, &f64)| x * a.iter().enumerate().map(|(j, y)| y * products[(i, j)]).sum::<f64>();
-        a.iter().enumerate().map(square).sum::<f64>() / rows
-    };
-    let bic = |variance: f64, parameters: usize| rows * variance.ln() + parameters as f64 * rows.ln();
-    let of_free = bic(variance(&free.coefficients), free.parameters);
-    let all = PREDICTORS.iter().map(|coefficients| (variance(coefficients), coefficients));
-    match all.min_by(|a, b| a.0.total_cmp(&b.0)) {
-        Some((variance, coefficients)) if variance > 0.0 && bic(variance, PARAMETERS) < of_free => {
-            Ar { coefficients: coefficients.clone(), parameters: PARAMETERS, variance }
+static BANK: LazyLock<Bank> = LazyLock::new(Bank::new);
+
+impl Bank {
+    fn new() -> Self {
+        let (mut decay, mut ratio) = ([0.0; MEMBERS], [0.0; MEMBERS]);
+        let all = WANDER_TIMES.iter().flat_map(|time| WANDER_RATIOS.iter().map(move |ratio| (time, ratio)));
+        for (i, (time, size)) in all.enumerate() {
+            (decay[i], ratio[i]) = ((-1.0 / time).exp(), *size);
         }
-        _ => free,
+        // Before the first sample, the zero may be anywhere within its wander.
+        let mut unknown = ratio;
+        let (mut gain, mut variance) = (Vec::new(), Vec::new());
+        for _ in 0..WANDER_START_STEPS {
+            let innovation = unknown.map(|p| p + 1.0);
+            gain.push(std::array::from_fn(|i| unknown[i] / innovation[i]));
+            variance.push(innovation);
+            unknown = std::array::from_fn(|i| {
+                let kept = decay[i] * decay[i];
+                kept * unknown[i] / innovation[i] + ratio[i] * (1.0 - kept)
+            });
+        }
+        let settled: Each = variance[WANDER_START_STEPS - 1];
+        let certainty: Vec<Each> =
+            variance.iter().map(|of: &Each| std::array::from_fn(|i| settled[i] / of[i])).collect();
+        let mut log_det = [0.0; MEMBERS];
+        for of in &certainty[MAX_AR_ORDER..] {
+            log_det.iter_mut().zip(of).for_each(|(sum, certainty)| *sum -= certainty.ln());
+        }
+        Self { decay, ratio, gain, certainty, settled, log_det }
     }
 }
 
-/// Sums of products of the values i and j steps before each row that has a past, one row and column for each lag.
-fn products(values: &[f64]) -> DMatrix<f64> {
-    let (n, len) = (MAX_AR_ORDER, values.len());
-    let mut all = DMatrix::zeros(n + 1, n + 1);
-    for lag in 0..=n {
-        all[(0, lag)] = dot(&values[n..], &values[n - lag..len - lag]);
-        // Each further pair gains a product at the beginning and loses one at the end.
-        for i in 0..n - lag {
-            let j = i + lag;
-            all[(i + 1, j + 1)] = all[(i, j)] + values[n - i - 1] * values[n - j - 1]
-                - values[len - i - 1] * values[len - j - 1];
+/// Noise of a sensor whose zero wanders.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wander {
+    /// Index of size and time constant.
+    member: usize,
+    /// Variance of the settled innovation.
+    pub variance: f64,
+}
+
+impl Wander {
+    /// Free parameters besides the variance.
+    pub const PARAMETERS: usize = 2;
+
+    /// The size and time constant that make a residual most likely, by the rows that every noise model is judged by.
+    pub fn fit(residual: &[f64]) -> Option<Self> {
+        // As many values as free coefficients of the highest order need.
+        if residual.len() < 10 * MAX_AR_ORDER {
+            return None;
+        }
+        let rows = (residual.len() - MAX_AR_ORDER) as f64;
+        let squares = squares(&BANK, residual);
+        let cost = |i: &usize| rows * squares[*i].ln() + BANK.log_det[*i];
+        let member = (0..MEMBERS).min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
+        let variance = squares[member] / rows;
+        (variance > 0.0).then_some(Self { member, variance })
+    }
+
+    /// The same spectrum with another variance of the innovation.
+    pub fn with_variance(self, variance: f64) -> Self {
+        Self { variance, ..self }
+    }
+
+    /// Logarithm of the determinant of the first innovations that a likelihood counts, beyond settled ones.
+    pub fn log_det(&self) -> f64 {
+        BANK.log_det[self.member]
+    }
+
+    /// Innovations of a run of residuals, scaled to the variance of settled ones.
+    pub fn filter(&self, run: &[f64], out: &mut [f64]) {
+        let (i, bank) = (self.member, &*BANK);
+        let mut zero = 0.0;
+        let first = run.len().min(WANDER_START_STEPS);
+        for k in 0..first {
+            let off = run[k] - zero;
+            out[k] = off * bank.certainty[k][i].sqrt();
+            zero = bank.decay[i] * (zero + bank.gain[k][i] * off);
+        }
+        self.filter_on(zero, &run[first..], &mut out[first..]);
+    }
+
+    /// Innovations of the settled filter, as if the zero had been known long before: the same at any time.
+    pub fn filter_settled(&self, run: &[f64], out: &mut [f64]) {
+        self.filter_on(0.0, run, out);
+    }
+
+    fn filter_on(&self, mut zero: f64, run: &[f64], out: &mut [f64]) {
+        let (decay, gain) = (BANK.decay[self.member], BANK.gain[WANDER_START_STEPS - 1][self.member]);
+        let (keep, take) = (decay * (1.0 - gain), decay * gain);
+        for (out, r) in out.iter_mut().zip(run) {
+            *out = r - zero;
+            zero = keep * zero + take * r;
         }
     }
-    all.fill_lower_triangle_with_upper_triangle();
-    all
+
+    /// Spectral density, one-sided, at a frequency in Hz.
+    pub fn density(&self, f: f64, period_s: f64) -> f64 {
+        let (decay, ratio) = (BANK.decay[self.member], BANK.ratio[self.member]);
+        let white = self.variance / BANK.settled[self.member];
+        let open = 1.0 - 2.0 * decay * (TAU * f * period_s).cos() + decay * decay;
+        2.0 * period_s * white * (1.0 + ratio * (1.0 - decay * decay) / open)
+    }
+}
+
+/// Sums of the squared innovations of all filters over the rows that count, each scaled to a settled one.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn squares(bank: &Bank, run: &[f64]) -> Each {
+    let (mut zero, mut sum) = ([0.0; MEMBERS], [0.0; MEMBERS]);
+    let first = run.len().min(WANDER_START_STEPS);
+    for (k, r) in run[..first].iter().enumerate() {
+        let (gain, certainty) = (&bank.gain[k], &bank.certainty[k]);
+        let counts = if k < MAX_AR_ORDER { 0.0 } else { 1.0 };
+        for i in 0..MEMBERS {
+            let off = r - zero[i];
+            sum[i] += counts * off * off * certainty[i];
+            zero[i] = bank.decay[i] * (zero[i] + gain[i] * off);
+        }
+    }
+    let gain = &bank.gain[WANDER_START_STEPS - 1];
+    for r in &run[first..] {
+        for i in 0..MEMBERS {
+            let off = r - zero[i];
+            sum[i] += off * off;
+            zero[i] = bank.decay[i] * (zero[i] + gain[i] * off);
+        }
+    }
+    sum
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{DMatrix, DVector};
     use whirlstand_vehicle::Stream;
 
     fn noise(wander: f64, steps: usize) -> Vec<f64> {
@@ -96,35 +184,35 @@ mod tests {
     }
 
     #[test]
-    fn products_are_the_sums_of_all_rows() {
-        let values = noise(1.0, 300);
-        let products = products(&values);
-        for (i, j) in [(0, 0), (3, 7), (MAX_AR_ORDER, 1), (MAX_AR_ORDER, MAX_AR_ORDER)] {
-            let sum: f64 = (MAX_AR_ORDER..values.len()).map(|k| values[k - i] * values[k - j]).sum();
-            assert!((products[(i, j)] - sum).abs() < 1e-9 * sum.abs().max(1.0), "{i} {j}");
+    fn innovations_are_those_of_the_covariance_of_the_whole_run() {
+        let run = noise(1.0, 60);
+        for member in [0, MEMBERS / 2, MEMBERS - 1] {
+            let wander = Wander { member, variance: 1.0 };
+            let (decay, ratio) = (BANK.decay[member], BANK.ratio[member]);
+            let covariance = DMatrix::from_fn(run.len(), run.len(), |i, j| {
+                ratio * decay.powi(i.abs_diff(j) as i32) + if i == j { 1.0 } else { 0.0 }
+            });
+            // The Cholesky factor orthogonalises one value after the other.
+            let factor = covariance.cholesky().unwrap().l();
+            let white = factor.solve_lower_triangular(&DVector::from_vec(run.clone())).unwrap();
+            let mut out = vec![0.0; run.len()];
+            wander.filter(&run, &mut out);
+            for (k, (a, b)) in out.iter().zip(white.iter()).enumerate() {
+                let a = a / BANK.settled[member].sqrt();
+                assert!((a - b).abs() < 1e-9, "{member} {k}: {a} {b}");
+            }
         }
-    }
-
-    /// Power at a frequency, cycles per step, of the model that whitens a residual.
-    fn power(ar: &Ar, frequency: f64) -> f64 {
-        let (mut re, mut im) = (1.0, 0.0);
-        for (lag, a) in (1..).zip(&ar.coefficients) {
-            let angle = std::f64::consts::TAU * frequency * f64::from(lag);
-            (re, im) = (re + a * angle.cos(), im - a * angle.sin());
-        }
-        ar.variance / (re * re + im * im)
     }
 
     #[test]
-    fn a_wander_of_the_size_of_the_noise_is_told_and_has_its_power() {
-        let values = noise(1.0, 1000);
-        let free = Ar::fit(&[&values], MAX_AR_ORDER);
-        let found = or_wandering(free.clone(), &values);
-        assert_eq!(found.parameters, PARAMETERS, "{found:?}");
-        // Free coefficients, each at its price, stop at a few and miss most of the power at rest.
-        assert!(power(&found, 0.0) > 2.0 * power(&free, 0.0), "{found:?} {free:?}");
-        let white = noise(0.0, 1000);
-        let free = Ar::fit(&[&white], MAX_AR_ORDER);
-        assert_eq!(or_wandering(free.clone(), &white), free, "nothing wanders");
+    fn all_filters_at_once_give_the_squares_of_each() {
+        let run = noise(1.0, WANDER_START_STEPS + 300);
+        let squares = squares(&BANK, &run);
+        for (member, square) in squares.iter().enumerate() {
+            let mut out = vec![0.0; run.len()];
+            Wander { member, variance: 1.0 }.filter(&run, &mut out);
+            let sum: f64 = out[MAX_AR_ORDER..].iter().map(|e| e * e).sum();
+            assert!((sum - square).abs() < 1e-9 * sum, "{member}");
+        }
     }
 }

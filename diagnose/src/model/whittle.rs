@@ -14,7 +14,6 @@ use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::Data;
 use crate::model::innovations::coefficients;
-use whirlstand_ident::identify::ar::Ar;
 use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_ident::identify::search::{Derivatives, Point, search};
 
@@ -130,14 +129,6 @@ pub(crate) fn whittle(
         sum -= cross.averages[band] * value;
     }
     sum.is_finite().then_some(sum)
-}
-
-pub(crate) fn ar_density(ar: &Ar, f: f64, period_s: f64) -> f64 {
-    let mut a = C::new(1.0, 0.0);
-    for (i, c) in ar.coefficients.iter().enumerate() {
-        a += C::from_polar(*c, -TAU * f * period_s * (i + 1) as f64);
-    }
-    2.0 * period_s * ar.variance / a.norm_sqr()
 }
 
 /// Frequency response of the channels to a force on each state's derivative: channels x states, per

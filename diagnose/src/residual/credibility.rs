@@ -6,7 +6,7 @@ use crate::residual::lack_of_fit::LackOfFit;
 use crate::residual::out_of_library::{self, ForceOnSignal};
 use crate::search::alternative::SearchSpace;
 use crate::search::selection::Selection;
-use crate::thresholds::{LOUD_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE};
+use crate::thresholds::{EXCESS_NOISE_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE};
 use whirlstand_logs::stats::rms;
 
 /// Withdraws causes that are not credible, with their gains in BIC. All are withdrawn where one force that
@@ -74,7 +74,8 @@ fn drowned(selection: &Selection<'_, '_>, without: &Selection<'_, '_>, declared:
         };
         let (before, after) = (power(&without.fit.residual), power(&selection.fit.residual));
         explained += before - after;
-        left += if after > LOUD_RATIO * LOUD_RATIO { after - 1.0 } else { 0.0 };
+        // Declared noise is correct up to the ratio from which it is a cause of its own.
+        left += if after > EXCESS_NOISE_RATIO * EXCESS_NOISE_RATIO { after - 1.0 } else { 0.0 };
     }
     left > explained.max(0.0)
 }

@@ -1,8 +1,8 @@
 //! Noise of a sensor beyond what the vehicle file declares.
 
 use crate::data::record::Data;
+use crate::model::channel_noise::ChannelNoise;
 use crate::thresholds::EXCESS_NOISE_RATIO;
-use whirlstand_ident::identify::ar::Ar;
 
 /// White noise of a channel in excess of the declared noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,7 +17,7 @@ pub struct ExcessNoise {
 pub fn excess_noise(
     data: &Data,
     residual: &[f64],
-    ar: &Ar,
+    noise: &ChannelNoise,
     channel: usize,
     declared: f64,
 ) -> Option<ExcessNoise> {
@@ -27,7 +27,7 @@ pub fn excess_noise(
     let total = whirlstand_logs::stats::rms(&kept);
     let times = total / declared;
     // Part of coloured noise is predictable: it is of another kind than the declared noise.
-    let white = ar.variance.sqrt() > 0.8 * total;
+    let white = noise.variance().sqrt() > 0.8 * total;
     (declared > 0.0 && times > EXCESS_NOISE_RATIO && white).then(|| {
         let at = |factor: f64| ((total * factor).powi(2) - declared * declared).max(0.0).sqrt();
         let error = 1.96 / (2.0 * kept.len() as f64).sqrt();

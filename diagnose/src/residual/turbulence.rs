@@ -16,7 +16,7 @@ use crate::model::climb::{bandwidths_hz, climb};
 use crate::model::fit::Model;
 use crate::model::innovations::{Noises, Whitener, log_likelihood};
 use crate::model::noise::{Noise, Profile};
-use crate::model::whittle::{C, Shaped, ar_density, cross, responses, whittle};
+use crate::model::whittle::{C, Shaped, cross, responses, whittle};
 
 /// Turbulence on a state, with standard errors.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,9 +74,9 @@ pub fn turbulence(model: &Model<'_, '_>, values: &[f64], residual: &[f64]) -> Op
     let vehicle = model.vehicle(values).ok()?;
     let responses = responses(&vehicle, data, &cross)?;
     let rows = (2.0 * cross.averages.iter().sum::<f64>() * cross.channels.len() as f64).ln();
-    let density = |band: usize, c: usize| ar_density(&noise[cross.channels[c]], cross.f[band], data.period_s);
+    let density = |band: usize, c: usize| noise[cross.channels[c]].density(cross.f[band], data.period_s);
     let alone = whittle(&cross, density, |_| 0.0, &[])?;
-    let parameters: usize = cross.channels.iter().map(|c| noise[*c].parameters + 1).sum();
+    let parameters: usize = cross.channels.iter().map(|c| noise[*c].parameters() + 1).sum();
     let alone = -2.0 * alone + parameters as f64 * rows;
     let fits: Vec<(usize, Shaped, f64)> = (0..vehicle.states.len())
         .into_par_iter()
@@ -139,7 +139,7 @@ fn refined(
     // the noise.
     let far = data.channels.iter().enumerate().any(|(c, channel)| {
         let declared = vehicle.outputs[channel.output].noise;
-        let floor = if declared > 0.0 { declared } else { profile.noise.channels[c].variance.sqrt() };
+        let floor = if declared > 0.0 { declared } else { profile.noise.channels[c].variance().sqrt() };
         profile.noise.total[c] > FAR_ABOVE_NOISE * floor
     });
     if !far {
@@ -209,7 +209,7 @@ fn starts(
     let noises = |own: &dyn Fn(usize) -> f64, partial: Vec<[f64; 2]>| {
         // The joint innovations of all channels are no larger than those of a single channel's own model: an
         // upper bound of the noise.
-        let most = |c: usize| 0.5 * profile.noise.channels[c].variance.ln();
+        let most = |c: usize| 0.5 * profile.noise.channels[c].variance().ln();
         Noises { common, own: (0..p).map(|c| own(c).min(most(c))).collect(), partial }
     };
     let whittle = noises(&|c| values[2 + c], (0..p).map(|c| shaped.partial(c)).collect());

@@ -15,7 +15,8 @@ use crate::data::record::{Channel, Data};
 use crate::model::predictor::{default_horizon_s, memories};
 use crate::screen::predictions::{Asked, Sample, Span, blocks, samples, told_by_commands, with_forces};
 use crate::thresholds::{
-    HORIZON_RECORD_SHARE, LATENESSES_S, LEAST_HORIZON_STEPS, LOUD_RATIO, MEMORY_GROWTH, MIN_HELD_OUT_SIGMAS,
+    EXCESS_NOISE_RATIO, HORIZON_RECORD_SHARE, LATENESSES_S, LEAST_HORIZON_STEPS, MEMORY_GROWTH,
+    MIN_HELD_OUT_SIGMAS,
 };
 
 /// Comparison of a channel's predictions with its mean and its last value.
@@ -282,7 +283,8 @@ fn gain(channel: &Channel, samples: Vec<Sample>, span: Span) -> Option<f64> {
     let level = mean(&samples.iter().map(|s| s.measured).collect::<Vec<_>>());
     let power = |error: &dyn Fn(&Sample) -> f64| samples.iter().map(|s| error(s).powi(2)).sum::<f64>();
     // Errors within the declared noise are as small as possible.
-    if power(&|s| s.measured - s.predicted) <= samples.len() as f64 * (LOUD_RATIO * channel.declared).powi(2)
+    if power(&|s| s.measured - s.predicted)
+        <= samples.len() as f64 * (EXCESS_NOISE_RATIO * channel.declared).powi(2)
         && !samples.is_empty()
     {
         return Some(f64::INFINITY);

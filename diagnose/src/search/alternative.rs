@@ -1,5 +1,7 @@
 //! A candidate fitted beside the terms of a model, and the common inputs of a search.
 
+use whirlstand_vehicle::Kind;
+
 use crate::Watch;
 use crate::candidates::library::{Candidate, Sizes};
 use crate::model::fit::{Effort, Fit, Model, Optimum};
@@ -78,8 +80,10 @@ pub fn joined(
 ) -> Option<Alternative> {
     let mut extended = model.clone();
     extended.terms.push(candidate.clone());
-    let initial = &fit.columns[..model.states()];
-    let result = extended.optimum(values, fit.profile.noise.shared(), Some(initial), effort).ok()?;
+    // Another mode answers to its initial state in another way from the first step on.
+    let nearby = candidate.kind != Kind::ModeTransition;
+    let initial = nearby.then(|| &fit.columns[..model.states()]);
+    let result = extended.optimum(values, fit.profile.noise.shared(), initial, effort).ok()?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
     let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
     let beside = model.terms.clone();

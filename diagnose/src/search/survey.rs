@@ -2,7 +2,7 @@
 
 use crate::thresholds::{
     DISTANT_TRANSITION_SCORE, FITTED, FITTED_BEHIND_BIC, FITTED_BEHIND_SHARE, FITTED_NEAR_BIC, GLANCED,
-    HOPELESS_BIC, PROFILED,
+    HOPELESS_BIC, MIN_BIC_GAIN, PROFILED,
 };
 use rayon::prelude::*;
 use whirlstand_vehicle::Kind;
@@ -60,9 +60,9 @@ pub fn survey(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Vec<
 fn noises(fit: &Fit, space: &SearchSpace<'_>) -> Vec<Noise> {
     let noise = &fit.profile.noise;
     let mut noises = vec![noise.clone()];
-    if noise.common.is_none() && noise.channels.iter().any(|ar| ar.order() > 0) {
+    if noise.common.is_none() && noise.channels.iter().any(|of| !of.is_white()) {
         let stds = space.declared.iter().zip(&noise.channels);
-        let stds: Vec<f64> = stds.map(|(declared, ar)| declared.max(ar.variance.sqrt())).collect();
+        let stds: Vec<f64> = stds.map(|(declared, of)| declared.max(of.variance().sqrt())).collect();
         noises.push(Noise::white(&stds));
     }
     noises
@@ -291,7 +291,8 @@ fn profiled(
 }
 
 /// Time at which a transition has the largest gain in BIC, and that gain: all starts, then a search with
-/// halved steps, as a gradient-based fit would stay at the nearest local maximum.
+/// halved steps, as a gradient-based fit would stay at the nearest local maximum. These gains are those of the present
+/// values: of the times that gain nearly as much, whole fits choose.
 fn located(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -300,13 +301,10 @@ fn located(
     scored: &ScoredStart,
 ) -> (f64, Vec<f64>) {
     let gain = |t: f64| profiled(model, fit, score_test, candidate, &[t], 1.0).unwrap_or(f64::NEG_INFINITY);
-    let start = |s: &Vec<f64>| (gain(s[0]), s[0]);
-    let first = start(&candidate.starts[scored.start]);
-    let (mut best, mut at) = candidate
-        .starts
-        .iter()
-        .map(start)
-        .fold(first, |best, next| if next.0 > best.0 { next } else { best });
+    let gains: Vec<(f64, f64)> = candidate.starts.iter().map(|s| (gain(s[0]), s[0])).collect();
+    let first = gains[scored.start];
+    let (mut best, mut at) =
+        gains.iter().fold(first, |best, next| if next.0 > best.0 { *next } else { best });
     let mut step = candidate.starts.get(1).map_or(0.0, |second| 0.5 * (second[0] - candidate.starts[0][0]));
     while step > 2.0 * model.free_run.data.period_s {
         for t in [at - step, at + step] {
@@ -317,5 +315,14 @@ fn located(
         }
         step *= 0.5;
     }
-    (best, vec![at])
+    if best < MIN_BIC_GAIN {
+        return (best, vec![at]);
+    }
+    let near = gains.iter().filter(|(gain, _)| *gain > best - FITTED_BEHIND_BIC).map(|(_, t)| *t);
+    let fits = near.chain([at]).filter_map(|t| {
+        let fit = fitted(model, fit, candidate, vec![t])?;
+        Some((fit.delta_bic, fit.optimum?.values.last().copied()?))
+    });
+    let (gain, at) = fits.fold((best, at), |best, next| if next.0 > best.0 { next } else { best });
+    (gain, vec![at])
 }

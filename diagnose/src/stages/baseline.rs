@@ -15,7 +15,7 @@ use crate::data::{checks, declared_vibration};
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::search::alternative::SearchSpace;
-use crate::thresholds::MAX_CAUSES;
+use crate::thresholds::{LIMITED_TIMES_S, MAX_CAUSES};
 
 /// Everything that the search needs; it does not change afterwards.
 #[derive(Debug, Clone)]
@@ -48,8 +48,9 @@ impl<'a> Baseline<'a> {
         let good = checked.data.channels.iter().map(|c| c.good.clone()).collect();
         let blocked = checked.is_blocked();
         if !blocked {
-            let wild = outliers(&mut checked.data, &first.residual, &checked.samples);
+            let (wild, excluded) = outliers(&mut checked.data, &first.residual, &checked.samples);
             checked.samples.extend(wild);
+            checked.found.extend(excluded.iter().map(|e| checks::excluded(e, &checked.data, vehicle)));
         }
         let present: Vec<usize> = checked.data.channels.iter().map(|c| c.output).collect();
         let declared = present.iter().map(|i| vehicle.outputs[*i].noise).collect();
@@ -136,10 +137,11 @@ fn sizes(free_run: &FreeRun<'_>, fit: &Fit, declared: &[f64]) -> Sizes {
         let values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
         outputs[channel.output] = peak(&values);
         noise[channel.output] =
-            if declared[c] > 0.0 { declared[c] } else { fit.profile.noise.channels[c].variance.sqrt() };
+            if declared[c] > 0.0 { declared[c] } else { fit.profile.noise.channels[c].variance().sqrt() };
     }
     Sizes {
         inputs: free_run.input_peaks(),
+        input_rates: (0..data.m).map(|j| LIMITED_TIMES_S.map(|t| data.fastest(j, t)).to_vec()).collect(),
         states: states.iter().map(|s| peak(s)).collect(),
         slopes: states.iter().map(slope).collect(),
         outputs,

@@ -115,6 +115,8 @@ fn excess(baseline: &Baseline<'_>, fit: &Fit, turbulent: bool) -> Vec<(usize, Ex
     let data = baseline.data();
     let channels = fit.profile.noise.channels.iter().zip(&baseline.declared).enumerate();
     channels
-        .filter_map(|(c, (ar, declared))| Some((c, excess_noise(data, &fit.residual, ar, c, *declared)?)))
+        .filter_map(|(c, (noise, declared))| {
+            Some((c, excess_noise(data, &fit.residual, noise, c, *declared)?))
+        })
         .collect()
 }

@@ -7,8 +7,6 @@ use multiversion::multiversion;
 pub struct Ar {
     /// Coefficients a_1 to a_q.
     pub coefficients: Vec<f64>,
-    /// Number of values from which the coefficients follow: as many as there are, if each was free.
-    pub parameters: usize,
     /// Variance of the white part e, in the squared unit of the residual.
     pub variance: f64,
 }
@@ -16,7 +14,7 @@ pub struct Ar {
 impl Ar {
     /// White noise of the given variance.
     pub fn white(variance: f64) -> Self {
-        Self { coefficients: Vec::new(), parameters: 0, variance }
+        Self { coefficients: Vec::new(), variance }
     }
 
     /// Fits runs of residuals (mean not removed) by Burg's method over all runs together, with the order up to `most`
@@ -37,7 +35,7 @@ impl Ar {
             }
             let bic = n * variance.ln() + order as f64 * n.ln();
             if bic < best.0 {
-                best = (bic, Self { coefficients: a.clone(), parameters: order, variance });
+                best = (bic, Self { coefficients: a.clone(), variance });
             } else if order > best.1.order() + PATIENCE {
                 break;
             }
@@ -229,7 +227,7 @@ mod tests {
 
     #[test]
     fn the_inverse_filter_undoes_the_filter() {
-        let ar = Ar { coefficients: vec![-1.5, 0.8], parameters: 2, variance: 1.0 };
+        let ar = Ar { coefficients: vec![-1.5, 0.8], variance: 1.0 };
         let y = coloured(50, &ar.coefficients, 4);
         let (mut whiten, mut colour) = (RowFilter::new(&ar, false, 1), RowFilter::new(&ar, true, 1));
         let white = ar.whiten(&y);

@@ -35,6 +35,18 @@ pub fn pushed_flight(
     seed: Option<u64>,
     push: impl Fn(&[f64]) -> Vec<f64>,
 ) -> Record {
+    steered_flight(vehicle, length_s, initial, seed, |t, j| gain * stick(t, j), push)
+}
+
+/// A flight with the inputs that `steer` gives for a time, s, and the index of an input.
+pub fn steered_flight(
+    vehicle: &Vehicle,
+    length_s: f64,
+    initial: &[f64],
+    seed: Option<u64>,
+    steer: impl Fn(f64, usize) -> f64,
+    push: impl Fn(&[f64]) -> Vec<f64>,
+) -> Record {
     let period = 0.01;
     let mut simulator = match seed {
         Some(seed) => Simulator::new(vehicle, period, seed),
@@ -47,7 +59,7 @@ pub fn pushed_flight(
     let mut inputs = vec![Vec::new(); vehicle.inputs.len()];
     let mut outputs = vec![Vec::new(); vehicle.outputs.len()];
     for t in &time {
-        let u: Vec<f64> = (0..inputs.len()).map(|j| gain * stick(*t, j)).collect();
+        let u: Vec<f64> = (0..inputs.len()).map(|j| steer(*t, j)).collect();
         let force = push(simulator.state());
         simulator.disturb(&force);
         simulator.apply(&u);
