@@ -14,7 +14,7 @@ use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
 use crate::search::equivalence::{lead, yields};
 use crate::search::selection::{Accepted, Refused, Selection};
 use crate::search::survey::survey;
-use crate::search::survey_cache::SurveyCache;
+use crate::search::survey_cache::{SurveyCache, Surveyed};
 
 /// Searches for causes, beginning with the given terms; under one noise model for all channels, when one is
 /// given. Free parameters start from the vehicle's values.
@@ -133,6 +133,8 @@ impl Search<'_, '_, '_> {
     fn settle(&mut self) -> Result<Vec<Accepted>, ModelError> {
         let mut accepted = Vec::new();
         let mut exchanges = 0;
+        // Rivals for which a term was dropped: a survey beside other terms may not have fitted them.
+        let mut contested: Vec<Rival> = Vec::new();
         while accepted.len() < self.model.terms.len() {
             let term = accepted.len();
             let (reduced, without) = without(&self.model, &self.fit, term)?;
@@ -146,6 +148,12 @@ impl Search<'_, '_, '_> {
             let mut known = Vec::new();
             if !self.space.watch.is_stopped() {
                 known = self.surveys.known(&reduced, &without, self.space);
+                let missing = contested.iter().filter(|r| {
+                    !known.iter().any(|k| k.values.is_some() && k.candidate.name() == r.candidate.name())
+                });
+                let fitted = missing.filter_map(|r| in_its_place(&reduced, &without, &own, r));
+                let fitted: Vec<Surveyed> = fitted.map(|alternative| Surveyed::from(&alternative)).collect();
+                known.extend(fitted);
             }
             let rivals = rivals(&reduced, &without, &own, &known);
             let data = self.model.free_run.data;
@@ -178,6 +186,7 @@ impl Search<'_, '_, '_> {
                     rival.gap.abs(),
                     rival.kappa
                 );
+                contested.push(rival.clone());
                 self.refused.insert(0, Refused::new(own, why));
                 (self.model, self.fit) = (reduced, without);
                 accepted.clear();
