@@ -266,6 +266,8 @@ pub(crate) const SCORING_LIMITS: Limits =
     Limits { iterations: 60, tolerance: 1e-3, gain: 1e-2, trials: MAX_DAMPED_STEPS };
 /// States whose fit is refined by the exact likelihood: the best of Whittle's. Cost.
 pub(crate) const TURBULENCE_STATES_REFINED: usize = 3;
+/// Relative error of a difference of sums of some thousand products in double precision.
+pub(crate) const ROUNDING: f64 = 1e-12;
 /// Gain in BIC by Whittle's likelihood below which the exact one is not computed. Cost.
 pub(crate) const UNLIKELY_TURBULENCE_BIC: f64 = -30.0;
 /// Ratio of a residual to the noise from which it is far above it. Calibrated.

@@ -4,7 +4,7 @@
 //! sensor noise stays in its channel. The likelihood is fast and approximate: it gives the start for the
 //! exact likelihood.
 
-use crate::thresholds::{MIN_SPECTRUM_SAMPLES, SCORING_LIMITS, WEAK_CORRELATION};
+use crate::thresholds::{MIN_SPECTRUM_SAMPLES, ROUNDING, SCORING_LIMITS, WEAK_CORRELATION};
 use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 
@@ -106,17 +106,18 @@ pub(crate) fn whittle(
     let mut sum = 0.0;
     for (band, s) in cross.s.iter().enumerate() {
         // Sherman-Morrison: the inverse of a diagonal matrix plus one outer product.
-        let (mut value, mut reach) = (0.0, 0.0);
+        let (mut value, mut reach, mut power) = (0.0, 0.0, 0.0);
         let mut turned = vec![C::new(0.0, 0.0); p];
         for c in 0..p {
             let r = level(band, c);
-            value += r.ln() + s[(c, c)].re / r;
+            value += r.ln();
+            power += s[(c, c)].re / r;
             if let Some(h) = h.get(band) {
                 reach += h[c].norm_sqr() / r;
                 turned[c] = h[c] / r;
             }
         }
-        if !h.is_empty() {
+        if reach > 0.0 {
             let phi = common(band);
             let mut quadratic = 0.0;
             for i in 0..p {
@@ -124,7 +125,13 @@ pub(crate) fn whittle(
                     quadratic += (turned[i].conj() * s[(i, j)] * turned[j]).re;
                 }
             }
-            value += (1.0 + phi * reach).ln() - phi * quadratic / (1.0 + phi * reach);
+            // Power along the response and across it. Of the latter no more than rounding errors is left where the noise is
+            // taken to be far below the motion: without a limit, noise of nothing would be infinitely likely.
+            let along = quadratic / reach;
+            let across = (power - along).max(ROUNDING * power);
+            value += (1.0 + phi * reach).ln() + across + along / (1.0 + phi * reach);
+        } else {
+            value += power;
         }
         sum -= cross.averages[band] * value;
     }

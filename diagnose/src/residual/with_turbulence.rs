@@ -47,8 +47,15 @@ pub(crate) fn with_turbulence<'r, 'd>(
         let Ok(next) = select(model.clone(), space, Some(&noise), &[]) else { break };
         let next = without_gusts(&next, Some(found.state)).unwrap_or(next);
         let again = look(&next);
+        // The same causes leave the same turbulence, whether or not the search for its size succeeds again.
+        let alike =
+            next.model.terms.iter().map(Candidate::name).eq(last.model.terms.iter().map(Candidate::name));
         chosen = Some(next);
-        let Some(again) = again else { return (single(selection, chosen, alone), None, None) };
+        let again = match again {
+            Some(again) => again,
+            None if alike => break,
+            None => return (single(selection, chosen, alone), None, None),
+        };
         let same =
             again.state == found.state && (again.std.0 / found.std.0).ln().abs() < SETTLED_SIZE_RATIO.ln();
         found = again;
