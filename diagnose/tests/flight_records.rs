@@ -155,12 +155,10 @@ const MULTIROTOR: Axis = Axis {
 fn the_motors_of_a_multirotor_lag_in_closed_loop_with_dropouts() {
     judged("motor lag, dropouts", |seed| {
         let answer = diagnosis(MULTIROTOR.fly(seed), &MULTIROTOR.vehicle());
+        // The right name with a wrong value is wrong.
+        let near = (value(&answer, "time_constant_s") / 0.06 - 1.0).abs() < 0.25;
         let came = first(&answer, &["actuator_lag"]);
-        if came == Came::Right {
-            let lag = value(&answer, "time_constant_s");
-            assert!((lag / 0.06 - 1.0).abs() < 0.25, "{lag}: {}", answer.text());
-        }
-        (came, answer)
+        (if came == Came::Right && !near { Came::Wrong } else { came }, answer)
     });
 }
 
@@ -325,11 +323,8 @@ fn the_lag_of_a_rotor_stands_alone() {
             [cause] if cause.effect == "actuator_lag" => Came::Right,
             _ => Came::Wrong,
         };
-        if came == Came::Right {
-            let lag = value(&answer, "time_constant_s");
-            assert!((0.038..0.046).contains(&lag), "{lag}: {}", answer.text());
-        }
-        (came, answer)
+        let near = (0.038..0.046).contains(&value(&answer, "time_constant_s"));
+        (if came == Came::Right && !near { Came::Wrong } else { came }, answer)
     });
 }
 

@@ -11,7 +11,8 @@ pub fn single(data: &Data) -> bool {
 }
 
 /// The equivalent kind of effect that is preferred, and the difference in BIC up to which it is: the input's
-/// before the sensor's, except that a tone is the sensor's. `explained` is the gain in BIC.
+/// before the sensor's, except that a tone is the sensor's, and an offset: a sensor's needs no motion to come about.
+/// `explained` is the gain in BIC.
 pub fn simpler(kind: Kind, explained: f64, data: &Data) -> Option<(Kind, f64)> {
     let same = match (single(data), data.memory_s) {
         // The two differ only in how process noise propagates, and the gain of a predictor that follows the
@@ -24,6 +25,7 @@ pub fn simpler(kind: Kind, explained: f64, data: &Data) -> Option<(Kind, f64)> {
         Kind::SensorDelay => (Kind::InputDelay, same),
         Kind::SensorLag => (Kind::ActuatorLag, same),
         Kind::SensorScale => (Kind::InputGain, same),
+        Kind::InputBias => (Kind::SensorBias, SAME_EFFECT_BIC),
         Kind::PeriodicDisturbance => (Kind::Vibration, SAME_TONE_BIC),
         _ => return None,
     })
