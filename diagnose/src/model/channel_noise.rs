@@ -118,13 +118,13 @@ impl ChannelNoise {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::thresholds::MIN_BIC_GAIN;
     use whirlstand_vehicle::Stream;
 
     /// White noise on a zero that wanders by as much, with a time constant in steps.
-    fn noise(seed: u64, wander: f64, time: f64, steps: usize) -> Vec<f64> {
+    pub fn noise(seed: u64, wander: f64, time: f64, steps: usize) -> Vec<f64> {
         let mut stream = Stream::new(seed, "wander");
         let mut zero = wander * stream.normal();
         let keep = (-1.0 / time).exp();

@@ -168,24 +168,12 @@ fn squares(bank: &Bank, run: &[f64]) -> Each {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::channel_noise::tests::noise;
     use nalgebra::{DMatrix, DVector};
-    use whirlstand_vehicle::Stream;
-
-    fn noise(wander: f64, steps: usize) -> Vec<f64> {
-        let mut stream = Stream::new(3, "wander");
-        let mut zero = wander * stream.normal();
-        let keep = (-1.0 / 250.0f64).exp();
-        (0..steps)
-            .map(|_| {
-                zero = keep * zero + (1.0 - keep * keep).sqrt() * wander * stream.normal();
-                zero + stream.normal()
-            })
-            .collect()
-    }
 
     #[test]
     fn innovations_are_those_of_the_covariance_of_the_whole_run() {
-        let run = noise(1.0, 60);
+        let run = noise(3, 1.0, 250.0, 60);
         for member in [0, MEMBERS / 2, MEMBERS - 1] {
             let wander = Wander { member, variance: 1.0 };
             let (decay, ratio) = (BANK.decay[member], BANK.ratio[member]);
@@ -206,7 +194,7 @@ mod tests {
 
     #[test]
     fn all_filters_at_once_give_the_squares_of_each() {
-        let run = noise(1.0, WANDER_START_STEPS + 300);
+        let run = noise(3, 1.0, 250.0, WANDER_START_STEPS + 300);
         let squares = squares(&BANK, &run);
         for (member, square) in squares.iter().enumerate() {
             let mut out = vec![0.0; run.len()];
