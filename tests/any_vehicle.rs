@@ -1,11 +1,9 @@
 //! A vehicle with arbitrary signal names flies: its outputs are transmitted, estimated, recorded, judged, exported and
 //! identified.
 
-mod support;
-
 use std::path::Path;
 
-use support::{json, run};
+use crate::support::{json, run};
 
 /// Position control of a DC motor; the program knows none of its signal names.
 const MOTOR: &str = r#"
@@ -65,13 +63,11 @@ fn flies(vehicle: &str, law: &str, outputs: &[&str]) {
     }
 }
 
-#[test]
 fn a_motor_flies() {
     flies(MOTOR, "law = \"lqr\"\nq = { angle = 100.0 }", &["encoder", "shunt"]);
 }
 
 /// Parameters and figures carry the units that follow from the units of their signals.
-#[test]
 fn what_is_said_of_a_motor_carries_its_units() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).to_str().expect("utf-8 path").to_string();
@@ -95,12 +91,10 @@ fn what_is_said_of_a_motor_carries_its_units() {
     assert!(page.contains("shunt, A") && page.contains("voltage, V"), "units in both tables of figures");
 }
 
-#[test]
 fn the_documented_example_flies() {
     flies(&documented(), "law = \"ppc\"\nbandwidth = 4.0", &["position"]);
 }
 
-#[test]
 fn what_a_bench_cannot_carry_is_told_before_anything_starts() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).to_str().expect("utf-8 path").to_string();
@@ -134,3 +128,10 @@ fn what_a_bench_cannot_carry_is_told_before_anything_starts() {
     );
     assert!(!Path::new(&out).exists(), "nothing was started");
 }
+
+whirlstand_test_harness::listed!(
+    a_motor_flies,
+    what_is_said_of_a_motor_carries_its_units,
+    the_documented_example_flies,
+    what_a_bench_cannot_carry_is_told_before_anything_starts,
+);

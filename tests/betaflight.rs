@@ -1,8 +1,6 @@
 //! Betaflight itself, as software in the loop, flies the example as the manual page says. Its program is built once by
 //! the harness, or named by WHIRLSTAND_BETAFLIGHT_SITL.
 
-mod support;
-
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
@@ -10,7 +8,7 @@ use std::process::Command;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use support::{HUNG, Running, json, run, spawn};
+use crate::support::{HUNG, Running, json, run, spawn};
 use whirlstand_test_harness::{Betaflight, Outcome, betaflight_sitl};
 
 /// Commands that the manual page prescribes.
@@ -62,23 +60,34 @@ fn set_up(program: &Path, folder: &Path) -> Running {
     betaflight(program, folder)
 }
 
-/// Gives this thread, and the processes it starts, the priority that the manual asks for on a busy machine. If this is
-/// not permitted, the machine must be idle.
-fn take_priority() {
-    let parameters = libc::sched_param { sched_priority: 30 };
-    // SAFETY: `parameters` outlives the call.
-    let status = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
-    if status != 0 {
-        eprintln!("without a real-time priority: {}", std::io::Error::last_os_error());
+/// Runs `flight` in a thread that has, with the processes it starts, the priority that the manual asks for on a busy
+/// machine. If this is not permitted, the machine must be idle. The thread ends with the flight, so that no other test
+/// inherits the priority.
+fn with_priority(flight: impl FnOnce() + Send) {
+    let prioritized = || {
+        let parameters = libc::sched_param { sched_priority: 30 };
+        // SAFETY: `parameters` outlives the call.
+        let status = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
+        if status != 0 {
+            eprintln!("without a real-time priority: {}", std::io::Error::last_os_error());
+        }
+        flight();
+    };
+    if let Err(failure) = std::thread::scope(|scope| scope.spawn(prioritized).join()) {
+        std::panic::resume_unwind(failure);
     }
 }
 
 fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcome {
     let Betaflight { program, flavour } = betaflight_sitl()?;
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    take_priority();
+    with_priority(|| follows_each_axis(&program, flavour));
+    Ok(())
+}
+
+fn follows_each_axis(program: &Path, flavour: &str) {
     let dir = tempfile::tempdir().unwrap();
-    let autopilot = set_up(&program, dir.path());
+    let autopilot = set_up(program, dir.path());
     let flavour = format!("bridge.betaflight.flavour={flavour}");
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight/flight.toml");
     let example = example.to_str().unwrap();
@@ -87,7 +96,7 @@ fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcom
     assert_eq!(check.stdout.matches("they push back").count(), 6, "{}", check.stdout);
     drop(autopilot);
 
-    let _autopilot = betaflight(&program, dir.path());
+    let _autopilot = betaflight(program, dir.path());
     let out = dir.path().join("out");
     // Deadlines on a busy test machine are not tested here.
     let arguments = ["run", example, "--out", out.to_str().unwrap(), "--set", &flavour, "--set", "mirror={}"];
@@ -100,7 +109,6 @@ fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcom
         assert_eq!(outputs[axis]["recovered"], true, "{axis}: {outputs}\n{}", ended.stderr);
     }
     assert_eq!(flown["findings"].as_array().map_or(0, Vec::len), 0, "{}", ended.stderr);
-    Ok(())
 }
 
 /// A fifth of the roll motors' authority is lost before the first gust, and the mirror says so while Betaflight flies.
@@ -108,9 +116,13 @@ fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcom
 fn the_mirror_names_what_a_vehicle_under_betaflight_has_lost() -> Outcome {
     let Betaflight { program, flavour } = betaflight_sitl()?;
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    take_priority();
+    with_priority(|| mirror_names_the_loss(&program, flavour));
+    Ok(())
+}
+
+fn mirror_names_the_loss(program: &Path, flavour: &str) {
     let dir = tempfile::tempdir().unwrap();
-    let _autopilot = set_up(&program, dir.path());
+    let _autopilot = set_up(program, dir.path());
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/betaflight");
     let text = std::fs::read_to_string(example.join("flight.toml")).unwrap().replace("1500 deg", "750 deg");
     // A vehicle at rest shows no authority: after the example's two gusts one follows every third second.
@@ -151,10 +163,9 @@ from_s = 5.0
     let factor: f64 = line.split(cause).nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     assert!((0.75..0.85).contains(&factor), "{line}");
     println!("{line}");
-    Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     betaflight_follows_each_axis_and_holds_the_attitude_against_gusts,
     the_mirror_names_what_a_vehicle_under_betaflight_has_lost
 );

@@ -1,14 +1,12 @@
 //! Blind trials as processes: what the diagnosing program gets to see, and how its answers are counted.
 
-mod support;
-
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-use support::{json, run};
+use crate::support::{json, run};
 
 /// A program that appends a listing of its folder to a file next to itself and then writes this diagnosis.
 fn stand_in(dir: &Path, diagnosis: &str) -> PathBuf {
@@ -26,7 +24,6 @@ fn goal<'a>(tally: &'a Value, name: &str) -> &'a Value {
     tally["goals"].as_array().unwrap().iter().find(|g| g["name"] == name).unwrap()
 }
 
-#[test]
 fn the_program_sees_a_record_and_a_vehicle_and_nothing_else() {
     let dir = tempfile::tempdir().unwrap();
     let program = stand_in(dir.path(), r#"{"verdict":"consistent","causes":[]}"#);
@@ -70,7 +67,6 @@ fn the_program_sees_a_record_and_a_vehicle_and_nothing_else() {
     assert_eq!(goal(&tally, "right name and place first")["met"], false);
 }
 
-#[test]
 fn an_interrupted_run_goes_on_where_it_ended() {
     let dir = tempfile::tempdir().unwrap();
     let program = stand_in(dir.path(), r#"{"verdict":"consistent","causes":[]}"#);
@@ -103,7 +99,6 @@ fn an_interrupted_run_goes_on_where_it_ended() {
     assert!(other.stderr.contains("from another call"), "{}", other.stderr);
 }
 
-#[test]
 fn parts_join_to_the_whole_and_what_does_not_belong_together_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let program = stand_in(dir.path(), r#"{"verdict":"consistent","causes":[]}"#);
@@ -158,7 +153,6 @@ fn parts_join_to_the_whole_and_what_does_not_belong_together_is_refused() {
     assert!(ended.code() == 2 && ended.stderr.contains("from another part"), "{}", ended.stderr);
 }
 
-#[test]
 fn a_trial_is_repeated_by_its_number() {
     let dir = tempfile::tempdir().unwrap();
     let truth = r#"{"verdict":"explained","causes":[{"effect":"sensor_bias","where":"nowhere"}]}"#;
@@ -178,7 +172,6 @@ fn a_trial_is_repeated_by_its_number() {
     assert_eq!(first.1["trials"][0]["outcome"], "wrong");
 }
 
-#[test]
 fn a_users_own_vehicle_and_excitation_are_flown() {
     let dir = tempfile::tempdir().unwrap();
     let program = stand_in(dir.path(), r#"{"verdict":"unexplained"}"#);
@@ -209,7 +202,6 @@ fn a_users_own_vehicle_and_excitation_are_flown() {
     }
 }
 
-#[test]
 fn what_cannot_be_flown_is_refused_with_the_reason() {
     let refused = |arguments: &[&str], words: &str| {
         let finished = run(["blind"].iter().chain(arguments));
@@ -230,14 +222,13 @@ fn what_cannot_be_flown_is_refused_with_the_reason() {
 
 /// A fixed set of trials through the whole program: every trial is a process that sees only a record and a vehicle. The
 /// bounds suit a set of this size; the figures of the full table are in docs/blind.md.
-#[test]
 fn the_diagnosis_finds_what_was_hidden() {
     let dir = tempfile::tempdir().unwrap();
     let tally = dir.path().join("tally.json");
     let drawn = ["--kinds", "single,clean,pair", "--length", "15:60", "--rate", "50,100"];
     let arguments =
         ["blind", "--trials", "16", "--seed", "7", "--jobs", "2", "--json", tally.to_str().unwrap()];
-    let running = support::spawn(support::whirlstand(arguments.into_iter().chain(drawn)));
+    let running = crate::support::spawn(crate::support::whirlstand(arguments.into_iter().chain(drawn)));
     let finished = running.finish_within(std::time::Duration::from_secs(400));
     assert!(finished.code() < 2, "{}", finished.stderr);
     let tally = json(tally);
@@ -254,3 +245,13 @@ fn the_diagnosis_finds_what_was_hidden() {
         finished.stdout
     );
 }
+
+whirlstand_test_harness::listed!(
+    the_program_sees_a_record_and_a_vehicle_and_nothing_else,
+    an_interrupted_run_goes_on_where_it_ended,
+    parts_join_to_the_whole_and_what_does_not_belong_together_is_refused,
+    a_trial_is_repeated_by_its_number,
+    a_users_own_vehicle_and_excitation_are_flown,
+    what_cannot_be_flown_is_refused_with_the_reason,
+    the_diagnosis_finds_what_was_hidden,
+);

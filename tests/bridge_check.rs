@@ -1,10 +1,8 @@
 //! `whirlstand bridge check` of a vehicle behind MAVLink, which somebody turns by hand: what is wrong is reported, and
 //! nothing moves without consent.
 
-mod support;
-
-use support::mavlink::{autopilot, end, free_port, launch};
-use support::{Finished, json, said, spawn_listening, spawn_listening_to_terminal, whirlstand};
+use crate::support::mavlink::{autopilot, end, free_port, launch};
+use crate::support::{Finished, json, said, spawn_listening, spawn_listening_to_terminal, whirlstand};
 use whirlstand_test_harness::{Missing, Outcome, python};
 
 fn the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives() -> Outcome {
@@ -87,7 +85,7 @@ fn the_check_moves_no_channel_without_consent() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     the_check_says_which_axis_or_channel_is_turned_and_that_each_channel_arrives,
     the_check_moves_no_channel_without_consent
 );

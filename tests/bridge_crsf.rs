@@ -1,14 +1,12 @@
 //! The CRSF bridge and an SBUS pilot as a whole process, over pseudo-terminals, against a transmitter module and a
 //! receiver written only from the published layouts.
 
-mod support;
-
 use std::path::Path;
 
+use crate::support::bridged::{setpoints, what_the_controller_flew_alone_is_learned_from};
+use crate::support::radio::Place;
+use crate::support::{json, said, spawn, spawn_listening, whirlstand};
 use serde_json::{Value, json as value};
-use support::bridged::{setpoints, what_the_controller_flew_alone_is_learned_from};
-use support::radio::Place;
-use support::{json, said, spawn, spawn_listening, whirlstand};
 use whirlstand_logs::{BenchMessage, Log};
 
 /// Roll and throttle channels that were received in a phase.
@@ -215,7 +213,7 @@ fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() {
     what_the_controller_flew_alone_is_learned_from(out, &vehicle, &structure);
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     the_pilot_arms_takes_over_and_a_lost_link_is_neutral,
     the_check_says_which_axis_of_the_telemetry_is_turned,
     telemetry_of_4_and_of_10_hz_is_flown_on,

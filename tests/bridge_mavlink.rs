@@ -1,15 +1,13 @@
 //! The MAVLink bridge as a whole process, against third-party programs: pymavlink is the autopilot, MAVSDK the ground
 //! station. Real UDP and real pseudo-terminals.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_learned_from};
+use crate::support::mavlink::{autopilot, end, free_port, launch, script};
+use crate::support::{Running, json, run, spawn, whirlstand};
 use serde_json::Value;
-use support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_learned_from};
-use support::mavlink::{autopilot, end, free_port, launch, script};
-use support::{Running, json, run, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
 /// The gust of the built-in bench, on this project's plant; its controller is the autopilot, which speaks only MAVLink.
@@ -322,7 +320,7 @@ fn wrong_options_are_told_with_their_line() {
     assert!(ended.code() == 2 && ended.stderr.contains("does not wait"), "{}", ended.stderr);
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation,
     a_vehicle_that_rolls_against_its_commands_goes_neutral_and_is_told,
     a_silent_vehicle_is_told_and_gets_neutral_and_comes_back_when_armed_again,

@@ -1,18 +1,16 @@
 //! Which senders are accepted on a link that is open to anyone, tested with whole processes: floods of malformed data,
 //! second senders, a silent client that holds a port, replayed outputs.
 
-mod support;
-
 use std::io::Read;
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use support::bridged::Bridged;
-use support::flight::{Flying, betaflight, fly, free_tcp, free_udp, take_off};
-use support::flood::{Flood, garbage};
-use support::{FAULTS_ALLOWED, Finished, Running, json, run, spawn, whirlstand};
+use crate::support::bridged::Bridged;
+use crate::support::flight::{Flying, betaflight, fly, free_tcp, free_udp, take_off};
+use crate::support::flood::{Flood, garbage};
+use crate::support::{FAULTS_ALLOWED, Finished, Running, json, run, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
 /// Longest gap between two overrides that the load of the machine can explain, s.
@@ -210,7 +208,7 @@ fn a_silent_client_loses_px4s_port_to_px4() -> Outcome {
     let options = [format!("bridge.px4.link=tcpin://127.0.0.1:{port}"), "plant.start_timeout_s=20".into()];
     let rest = ["--mode", "lockstep", "--set", "rate_hz=250"];
     let flying = take_off("px4-hil", "px4.py", &arguments, &options, &rest)?;
-    let until = std::time::Instant::now() + support::HUNG;
+    let until = std::time::Instant::now() + crate::support::HUNG;
     let mut silent = loop {
         match TcpStream::connect(("127.0.0.1", port)) {
             Ok(client) => break client,
@@ -257,7 +255,7 @@ fn a_pin_is_for_links_that_anybody_can_reach() {
     );
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     garbage_at_10_khz_steals_no_output_of_a_mavlink_vehicle,
     one_byte_steals_no_output_of_a_signed_link,
     a_second_vehicle_is_refused_until_the_first_is_silent,

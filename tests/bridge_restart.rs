@@ -1,15 +1,13 @@
 //! The process of a bridge to a vehicle dies in flight, and the launcher starts it again: it is not in charge until the
 //! vehicle was disarmed and armed again.
 
-mod support;
-
 use std::path::Path;
 use std::process::Command;
 
+use crate::support::bridged::Bridged;
+use crate::support::flight::free_udp;
+use crate::support::{bench, json, spawn, whirlstand};
 use serde_json::{Value, json as value};
-use support::bridged::Bridged;
-use support::flight::free_udp;
-use support::{bench, json, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
 /// Overrides for which the vehicle stays armed under the bridge that came back: a second and a half.
@@ -66,6 +64,6 @@ fn a_bridge_that_was_killed_in_flight_comes_back_neutral_until_the_vehicle_is_ar
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     a_bridge_that_was_killed_in_flight_comes_back_neutral_until_the_vehicle_is_armed_again
 );

@@ -1,15 +1,13 @@
 //! A flight behind a bridge in which the controller was not in charge throughout is not a success: it ends with exit code 1
 //! and names the broken limit, with and without a log.
 
-mod support;
-
 use std::path::Path;
 use std::process::Command;
 
+use crate::support::bridged::Bridged;
+use crate::support::flight::{free_tcp, free_udp};
+use crate::support::{Finished, Running, json, run, spawn, whirlstand};
 use serde_json::{Value, json as value};
-use support::bridged::Bridged;
-use support::flight::{free_tcp, free_udp};
-use support::{Finished, Running, json, run, spawn, whirlstand};
 use whirlstand_test_harness::{Missing, Outcome, python};
 
 /// Further arguments of a run, whose limits are the strict ones either way.
@@ -191,7 +189,7 @@ fn an_autopilot_that_is_killed_in_flight_fails_the_run() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     a_vehicle_that_is_flown_throughout_is_a_success,
     a_vehicle_that_disarms_in_flight_fails_the_run,
     a_vehicle_that_nobody_arms_fails_the_run,

@@ -1,12 +1,10 @@
 //! Campaigns as whole processes: a flight in one thread equals the flight over processes, merged parts equal the whole,
 //! and an interrupted campaign resumes.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 
+use crate::support::{json, refused, run, spawn, whirlstand};
 use serde_json::Value;
-use support::{json, refused, run, spawn, whirlstand};
 
 const GUSTS: &str = r#"
 launch = "quadrotor"
@@ -72,7 +70,6 @@ fn bytes(path: &Path) -> Vec<u8> {
     std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-#[test]
 fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
     let place = Place::new(GUSTS);
     let whole = place.answer(&["FILE", "--out", "DIR/whole", "--jobs", "2"]);
@@ -121,7 +118,6 @@ fn parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes() {
     assert!((share / worst["of_limit"].as_f64().unwrap() - 1.0).abs() < 1e-11, "{limit} {worst}");
 }
 
-#[test]
 fn what_identify_found_varies_with_its_covariance() {
     let place = Place::new(
         "launch = \"quadrotor\"\nflights = 40\nset = [\"duration_s=9\"]\n[[vary]]\nfound = \"fit.json\"\nwiden = 20.0\n",
@@ -163,7 +159,6 @@ fn what_identify_found_varies_with_its_covariance() {
     refused(&["campaign", &file, "--out", &at("out")], &["found = \"fit.json\"", "cannot be read"]);
 }
 
-#[test]
 fn a_rare_failure_is_found_where_failures_are_frequent() {
     let gusts = |flights: u32, more: &str| {
         format!(
@@ -191,7 +186,6 @@ fn a_rare_failure_is_found_where_failures_are_frequent() {
     refused(&["campaign", &file, "--until-width", "0.1"], &["importance", "\"random\" or \"sobol\""]);
 }
 
-#[test]
 fn a_killed_campaign_goes_on_where_it_was_to_the_same_bytes() {
     // Long enough that it can be killed amid its flights.
     let long = GUSTS.replace("duration_s=9", "duration_s=1000").replace("flights = 24", "flights = 96");
@@ -220,7 +214,6 @@ fn a_killed_campaign_goes_on_where_it_was_to_the_same_bytes() {
     assert!(!journal.exists());
 }
 
-#[test]
 fn ctrl_c_keeps_what_is_done_and_enough_is_enough() {
     let place = Place::new(
         &GUSTS
@@ -245,7 +238,6 @@ fn ctrl_c_keeps_what_is_done_and_enough_is_enough() {
     assert_eq!((&enough["ended_early"], &enough["flown"]), (&true.into(), &64.into()), "{enough}");
 }
 
-#[test]
 fn what_cannot_be_flown_is_told_with_its_place() {
     for (from, to, words) in [
         ("\"quadrotor\"", "\"quadroter\"", &["quadroter", "did you mean 'quadrotor'?"][..]),
@@ -270,3 +262,12 @@ fn what_cannot_be_flown_is_told_with_its_place() {
     refused(&["campaign", &file, "--until-width", "0.1"], &["latin-hypercube", "\"random\" or \"sobol\""]);
     refused(&["campaign", "replay", &file, "--flight", "24"], &["has the flights 0 to 23"]);
 }
+
+whirlstand_test_harness::listed!(
+    parts_join_to_the_bytes_of_the_whole_and_a_flight_is_that_of_processes,
+    what_identify_found_varies_with_its_covariance,
+    a_rare_failure_is_found_where_failures_are_frequent,
+    a_killed_campaign_goes_on_where_it_was_to_the_same_bytes,
+    ctrl_c_keeps_what_is_done_and_enough_is_enough,
+    what_cannot_be_flown_is_told_with_its_place,
+);

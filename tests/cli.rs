@@ -1,8 +1,6 @@
 //! What the command line answers to what a user types, right or wrong.
 
-mod support;
-
-use support::{json, refused, run};
+use crate::support::{json, refused, run};
 
 #[track_caller]
 fn answer(args: &[&str]) -> serde_json::Value {
@@ -10,7 +8,6 @@ fn answer(args: &[&str]) -> serde_json::Value {
     serde_json::from_str(&result.stdout).unwrap_or_else(|e| panic!("{args:?}: {e}\n{}", result.stdout))
 }
 
-#[test]
 fn help_and_version_are_there_for_every_call() {
     let help = run(["--help"]).success().stdout;
     for call in [
@@ -25,7 +22,6 @@ fn help_and_version_are_there_for_every_call() {
     assert_eq!(run::<&str>([]).code(), 2);
 }
 
-#[test]
 fn launch_files_with_mistakes_are_answered_with_line_and_nearest_key() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("wrong.toml");
@@ -64,7 +60,6 @@ fn launch_files_with_mistakes_are_answered_with_line_and_nearest_key() {
     }
 }
 
-#[test]
 fn overrides_are_checked_like_the_file() {
     refused(&["run", "quadrotor", "--set", "controller.lwa=lqr"], &["--set controller.lwa=lqr", "'law'"]);
     refused(&["run", "quadrotor", "--set", "duration_s=\"5 m\""], &["--set", "s is expected"]);
@@ -75,7 +70,6 @@ fn overrides_are_checked_like_the_file() {
     refused(&["run", "--duration", "-3"], &["positive time"]);
 }
 
-#[test]
 fn built_in_files_can_be_listed_shown_and_run_again_from_the_copy() {
     let list = answer(&["launch", "list", "--json"]);
     assert_eq!(list["schema"], "whirlstand.launch_files.v1");
@@ -99,7 +93,6 @@ fn built_in_files_can_be_listed_shown_and_run_again_from_the_copy() {
     assert!(out.join("log.mcap").is_file() && out.join("report.html").is_file());
 }
 
-#[test]
 fn vehicles_can_be_listed_shown_and_checked() {
     let list = answer(&["vehicle", "list", "--json"]);
     assert_eq!(list["vehicles"].as_array().unwrap().len(), 4);
@@ -118,7 +111,6 @@ fn vehicles_can_be_listed_shown_and_checked() {
     refused(&["vehicle", "show", "quadcopter"], &["quadrotor"]);
 }
 
-#[test]
 fn every_law_is_designed_for_every_vehicle_and_closes_a_stable_loop() {
     for vehicle in ["quadrotor", "helicopter-hover", "helicopter-longitudinal", "helicopter-lateral"] {
         for law in ["lqr", "ppc", "smc"] {
@@ -138,7 +130,6 @@ fn every_law_is_designed_for_every_vehicle_and_closes_a_stable_loop() {
     refused(&["design", "quadrotor", "--law", "lqr", "--set", "gian=3"], &["gian"]);
 }
 
-#[test]
 fn a_simulation_answers_recorded_inputs_at_its_own_rate() {
     let dir = tempfile::tempdir().unwrap();
     let (input, output) = (dir.path().join("in.csv"), dir.path().join("out.csv"));
@@ -177,7 +168,6 @@ fn a_simulation_answers_recorded_inputs_at_its_own_rate() {
     assert_eq!(run(args("0")).code(), 2);
 }
 
-#[test]
 fn an_output_with_feedthrough_shows_the_input_of_its_own_step() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).to_str().unwrap().to_string();
@@ -203,7 +193,6 @@ unit = "rad"
     assert_eq!(roll, [0.0, 2.0, 6.0, -2.0], "{written}");
 }
 
-#[test]
 fn files_that_are_not_there_are_named() {
     refused(&["log", "info", "/nowhere/log.mcap"], &["/nowhere/log.mcap"]);
     refused(&["log", "diff", "/nowhere/a", "/nowhere/b"], &["/nowhere/a"]);
@@ -216,7 +205,6 @@ fn files_that_are_not_there_are_named() {
     refused(&["soak", "--rounds", "0"], &["--rounds"]);
 }
 
-#[test]
 fn the_doctor_says_what_to_change() {
     let report = answer(&["doctor", "--json"]);
     assert_eq!(report["schema"], "whirlstand.doctor.v1");
@@ -227,3 +215,16 @@ fn the_doctor_says_what_to_change() {
     }
     assert!(report["wake_up"][0]["p50_us"].as_f64().unwrap() > 0.0);
 }
+
+whirlstand_test_harness::listed!(
+    help_and_version_are_there_for_every_call,
+    launch_files_with_mistakes_are_answered_with_line_and_nearest_key,
+    overrides_are_checked_like_the_file,
+    built_in_files_can_be_listed_shown_and_run_again_from_the_copy,
+    vehicles_can_be_listed_shown_and_checked,
+    every_law_is_designed_for_every_vehicle_and_closes_a_stable_loop,
+    a_simulation_answers_recorded_inputs_at_its_own_rate,
+    an_output_with_feedthrough_shows_the_input_of_its_own_step,
+    files_that_are_not_there_are_named,
+    the_doctor_says_what_to_change,
+);

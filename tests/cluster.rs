@@ -1,15 +1,13 @@
 //! Campaigns on a cluster: the parts of a campaign are flown by a real Slurm on this machine with three emulated nodes,
 //! and by two workers of HyperQueue.
 
-mod support;
-
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use support::{Finished, Running, run, spawn};
-use whirlstand_test_harness::{Missing, Outcome, Test};
+use crate::support::{Finished, Running, run, spawn};
+use whirlstand_test_harness::{Missing, Outcome};
 
 /// Longest time for Slurm to start, and for an array of tasks to be flown, on a loaded machine.
 const LONGEST: Duration = Duration::from_secs(240);
@@ -29,19 +27,6 @@ uniform = ["100 deg/s^2", "400 deg/s^2"]
 key = "seed"
 integers = [1, 1000000]
 "#;
-
-fn main() -> ExitCode {
-    whirlstand_test_harness::run(vec![
-        Test::new(
-            "a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_whole",
-            a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_whole,
-        ),
-        Test::new(
-            "a_killed_task_of_hyperqueue_goes_on_and_the_parts_join_to_the_bytes_of_the_whole",
-            a_killed_task_of_hyperqueue_goes_on_and_the_parts_join_to_the_bytes_of_the_whole,
-        ),
-    ])
-}
 
 /// The daemons of a cluster, which are ended together with it.
 struct Slurm {
@@ -266,3 +251,8 @@ fn told(slurm: &Slurm) -> String {
         .map(|name| std::fs::read_to_string(slurm.folder.join(name)).unwrap_or_default())
         .join("\n")
 }
+
+whirlstand_test_harness::listed!(
+    a_killed_task_is_run_again_by_slurm_and_the_parts_join_to_the_bytes_of_the_whole,
+    a_killed_task_of_hyperqueue_goes_on_and_the_parts_join_to_the_bytes_of_the_whole,
+);

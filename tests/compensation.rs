@@ -1,12 +1,10 @@
 //! The benefit of a launch file's `compensate` in a whole flight, and the warnings about effects that it leaves
 //! uncompensated.
 
-mod support;
-
 use std::fmt::Write as _;
 use std::path::Path;
 
-use support::{json, run};
+use crate::support::{json, run};
 
 /// Flies the quadrotor with an effect through a slow sine of roll; returns the RMS error of roll and the output.
 fn fly(folder: &Path, name: &str, effect: &str, compensate: &str) -> (f64, String) {
@@ -29,7 +27,6 @@ fn fly(folder: &Path, name: &str, effect: &str, compensate: &str) -> (f64, Strin
     (run["outputs"]["roll"]["rms_error"].as_f64().unwrap(), finished.stdout + &finished.stderr)
 }
 
-#[test]
 fn every_compensation_is_worth_something_in_a_flight() {
     let folder = tempfile::tempdir().unwrap();
     for (name, effect) in [
@@ -50,7 +47,6 @@ fn every_compensation_is_worth_something_in_a_flight() {
     }
 }
 
-#[test]
 fn what_is_unsafe_is_off_with_a_warning_and_the_flight_is_that_without() {
     let folder = tempfile::tempdir().unwrap();
     let effect = "effect = 'dead_zone'\nwhere = 'u_roll'\nwidth = 20.0";
@@ -69,3 +65,8 @@ fn what_is_unsafe_is_off_with_a_warning_and_the_flight_is_that_without() {
     std::fs::write(&vehicle, narrow).unwrap();
     assert!(!design("['dead_zone']").contains("not used"));
 }
+
+whirlstand_test_harness::listed!(
+    every_compensation_is_worth_something_in_a_flight,
+    what_is_unsafe_is_off_with_a_warning_and_the_flight_is_that_without,
+);

@@ -1,11 +1,9 @@
 //! The complete workflow with processes: a flight with a hidden fault is flown, logged and diagnosed; the vehicle
 //! extended by the named cause flies again, and its record matches the first one.
 
-mod support;
-
 use std::path::Path;
 
-use support::{json, run, spawn, whirlstand};
+use crate::support::{json, run, spawn, whirlstand};
 
 /// Writes the built-in quadrotor as a file, followed by `more`; returns its path.
 fn quadrotor(dir: &Path, name: &str, more: &str) -> String {
@@ -33,7 +31,6 @@ fn diagnosed(dir: &Path, log: &str, vehicle: &str, name: &str) -> (serde_json::V
     (json(answer), finished.stdout, out)
 }
 
-#[test]
 fn a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
@@ -73,7 +70,6 @@ fn a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same() {
     assert_eq!(answer["verdict"], "consistent", "{text}");
 }
 
-#[test]
 fn ctrl_c_ends_a_diagnosis_with_what_is_known() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
@@ -95,7 +91,6 @@ fn ctrl_c_ends_a_diagnosis_with_what_is_known() {
     assert!(answer["outputs"]["roll"]["rmse_before"].is_number(), "{answer}");
 }
 
-#[test]
 fn a_budget_of_time_ends_a_diagnosis_with_what_is_known() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
@@ -143,7 +138,6 @@ fn table(dir: &Path) -> String {
     std::fs::read_to_string(csv).unwrap()
 }
 
-#[test]
 fn degrees_read_as_radians_are_told_by_diagnose_and_compare() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
@@ -166,7 +160,6 @@ fn degrees_read_as_radians_are_told_by_diagnose_and_compare() {
 }
 
 /// `diagnose` and `compare` report each ratio and its inverse as such, on an output and on an input.
-#[test]
 fn each_ratio_of_two_units_is_told_of_an_output_and_of_an_input() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
@@ -189,7 +182,6 @@ fn each_ratio_of_two_units_is_told_of_an_output_and_of_an_input() {
 
 /// The input is 25 times what the column says: not a ratio of units, and beyond the gains that are searched for. This
 /// is reported before the search.
-#[test]
 fn a_cause_beyond_what_is_looked_for_is_told_and_does_not_explain() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
@@ -207,7 +199,6 @@ fn a_cause_beyond_what_is_looked_for_is_told_and_does_not_explain() {
     );
 }
 
-#[test]
 fn what_cannot_be_diagnosed_says_what_to_do() {
     let dir = tempfile::tempdir().unwrap();
     let csv = dir.path().join("short.csv");
@@ -222,3 +213,13 @@ fn what_cannot_be_diagnosed_says_what_to_do() {
     assert_eq!(unmapped.code(), 2, "{}", unmapped.stderr);
     assert!(unmapped.stderr.contains("u_roll") && unmapped.stderr.contains("stick"), "{}", unmapped.stderr);
 }
+
+whirlstand_test_harness::listed!(
+    a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same,
+    ctrl_c_ends_a_diagnosis_with_what_is_known,
+    a_budget_of_time_ends_a_diagnosis_with_what_is_known,
+    degrees_read_as_radians_are_told_by_diagnose_and_compare,
+    each_ratio_of_two_units_is_told_of_an_output_and_of_an_input,
+    a_cause_beyond_what_is_looked_for_is_told_and_does_not_explain,
+    what_cannot_be_diagnosed_says_what_to_do,
+);

@@ -1,11 +1,9 @@
 //! When a simulated vehicle leaves its model, the run ends and counts as failed.
 
-mod support;
-
 use std::path::Path;
 
+use crate::support::{json, run};
 use serde_json::Value;
-use support::{json, run};
 
 /// A spring with a negative cubic stiffness: roll grows until the model has no finite result.
 const SPRING: &str =
@@ -33,7 +31,6 @@ fn messages(info: &Value, topic: &str) -> u64 {
         .unwrap()
 }
 
-#[test]
 fn a_state_that_has_no_value_ends_the_run_at_that_step() {
     let dir = tempfile::tempdir().unwrap();
     let text = format!(
@@ -56,7 +53,6 @@ fn a_state_that_has_no_value_ends_the_run_at_that_step() {
     assert!(steps.windows(2).all(|s| s[0] == s[1]), "the same step over every transport: {steps:?}");
 }
 
-#[test]
 fn a_bound_of_the_file_ends_the_run_where_a_state_passes_it() {
     let dir = tempfile::tempdir().unwrap();
     let shown = run(["vehicle", "show", "quadrotor"]).success().stdout;
@@ -71,3 +67,8 @@ fn a_bound_of_the_file_ends_the_run_where_a_state_passes_it() {
     let truths = messages(&info, "truth");
     assert!((200..400).contains(&truths), "shortly after the step at 1 s: {truths}");
 }
+
+whirlstand_test_harness::listed!(
+    a_state_that_has_no_value_ends_the_run_at_that_step,
+    a_bound_of_the_file_ends_the_run_where_a_state_passes_it,
+);

@@ -4,13 +4,11 @@
 //! each of its lines must have been printed, with any number in place of a number; `...` stands for omitted lines. A
 //! block after `<!-- not run: REASON -->` is skipped, for the reason stated there.
 
-mod support;
-
 use std::path::{Component, Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::Command;
 
-use support::spawn;
-use whirlstand_test_harness::{Test, run};
+use crate::support::spawn;
+use whirlstand_test_harness::Test;
 
 /// A block between fences.
 #[derive(Debug, PartialEq)]
@@ -167,7 +165,8 @@ fn comments_are_no_headings() {
     assert_eq!(anchor("## C d, `e`"), "c-d-e");
 }
 
-fn main() -> ExitCode {
+/// These tests, one for each page among them.
+pub fn tests() -> Vec<Test> {
     let mut tests = vec![
         Test::new("links_lead_somewhere", links_lead_somewhere),
         Test::new("comments_are_no_headings", comments_are_no_headings),
@@ -177,5 +176,5 @@ fn main() -> ExitCode {
         let name = format!("commands_of_{}", file.file_stem().unwrap().to_string_lossy());
         tests.push(Test::new(&name.replace('-', "_"), move || commands(&file)));
     }
-    run(tests)
+    tests
 }

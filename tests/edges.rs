@@ -1,14 +1,12 @@
 //! Limits of the environment: full disks, low resource limits, programs with endless output, names that point outside
 //! their folder, and signals during a computation.
 
-mod support;
-
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use support::{Finished, HUNG, run, spawn, whirlstand};
+use crate::support::{Finished, HUNG, run, spawn, whirlstand};
 
 /// A short flight that needs neither real time nor shared memory.
 const INPROC: [&str; 7] =
@@ -32,7 +30,6 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-#[test]
 fn a_full_disk_is_told_and_the_verdict_survives_it() {
     for file in ["summary.json", "report.html"] {
         let dir = tempfile::tempdir().unwrap();
@@ -44,7 +41,6 @@ fn a_full_disk_is_told_and_the_verdict_survives_it() {
     }
 }
 
-#[test]
 fn low_limits_are_an_error_and_no_abort() {
     let dir = tempfile::tempdir().unwrap();
     for transport in ["iceoryx2", "zenoh", "inproc"] {
@@ -71,7 +67,6 @@ fn low_limits_are_an_error_and_no_abort() {
     assert!(end.stderr.contains("out of memory"), "{}", end.stderr);
 }
 
-#[test]
 fn a_program_that_writes_without_end_is_bounded_and_counted() {
     let dir = tempfile::tempdir().unwrap();
     let (file, script) = (dir.path().join("loud.toml"), dir.path().join("loud.sh"));
@@ -91,7 +86,6 @@ fn a_program_that_writes_without_end_is_bounded_and_counted() {
     assert!(end.stderr.lines().count() < most, "{} lines", end.stderr.lines().count());
 }
 
-#[test]
 fn names_from_a_file_stay_in_their_folder_and_control_characters_in_the_file() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("evil.toml");
@@ -119,7 +113,6 @@ fn names_from_a_file_stay_in_their_folder_and_control_characters_in_the_file() {
     assert!(end.stderr.contains("a\\u{1b}[2Jb") && !end.stderr.contains('\u{1b}'), "{}", end.stderr);
 }
 
-#[test]
 fn a_second_signal_ends_what_still_computes() {
     let dir = tempfile::tempdir().unwrap();
     let mut running = spawn(whirlstand(INPROC.into_iter().chain(["1e6", "--out", text(dir.path())])));
@@ -135,7 +128,6 @@ fn a_second_signal_ends_what_still_computes() {
     assert!(asked.elapsed() < Duration::from_secs(3), "{:?}", asked.elapsed());
 }
 
-#[test]
 fn sigterm_ends_blind_trials_that_compute() {
     let dir = tempfile::tempdir().unwrap();
     let blind = spawn(whirlstand(["blind", "--trials", "8", "--jobs", "1", "--keep", text(dir.path())]));
@@ -160,7 +152,6 @@ fn sigterm_ends_blind_trials_that_compute() {
     assert!(!trial.join("diagnosis.json").exists(), "what had begun is dropped");
 }
 
-#[test]
 fn simulate_refuses_what_no_memory_holds_and_what_no_quantity_is() {
     let dir = tempfile::tempdir().unwrap();
     let (input, output) = (dir.path().join("in.csv"), dir.path().join("out.csv"));
@@ -194,3 +185,13 @@ fn simulate_refuses_what_no_memory_holds_and_what_no_quantity_is() {
         end.stderr
     );
 }
+
+whirlstand_test_harness::listed!(
+    a_full_disk_is_told_and_the_verdict_survives_it,
+    low_limits_are_an_error_and_no_abort,
+    a_program_that_writes_without_end_is_bounded_and_counted,
+    names_from_a_file_stay_in_their_folder_and_control_characters_in_the_file,
+    a_second_signal_ends_what_still_computes,
+    sigterm_ends_blind_trials_that_compute,
+    simulate_refuses_what_no_memory_holds_and_what_no_quantity_is,
+);

@@ -1,8 +1,6 @@
 //! Test flights with the controller on: designed, flown as processes, recorded, identified from the log alone.
 
-mod support;
-
-use support::{json, run};
+use crate::support::{json, run};
 
 const UNSTABLE: &str = r#"
 A = [[0.0, 1.0], [6.0, -0.8]]
@@ -61,14 +59,12 @@ fn agrees(expected: &serde_json::Value, answer: &serde_json::Value) {
     }
 }
 
-#[test]
 fn a_test_input_is_flown_on_top_of_an_lqr() {
     let (expected, answer) = flown("quadrotor", "quadrotor-structure", &["--controller", "lqr"]);
     assert_eq!((&expected["controller"], &expected["through"]), (&"lqr".into(), &"stick".into()));
     agrees(&expected, &answer);
 }
 
-#[test]
 fn the_setpoint_is_moved_under_a_sliding_mode_controller() {
     let more = ["--controller", "smc", "--setpoint", "roll", "--setpoint", "pitch", "--kind", "doublets"];
     let (expected, answer) = flown("quadrotor", "quadrotor-structure", &more);
@@ -76,7 +72,6 @@ fn the_setpoint_is_moved_under_a_sliding_mode_controller() {
     agrees(&expected, &answer);
 }
 
-#[test]
 fn an_unstable_vehicle_is_identified_in_its_loop() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("unstable.toml");
@@ -95,7 +90,6 @@ fn an_unstable_vehicle_is_identified_in_its_loop() {
 }
 
 /// A position that integrates a speed drifts under random steps, but that does not make the vehicle unstable.
-#[test]
 fn a_vehicle_that_integrates_is_excited_and_comes_back() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("motor.toml");
@@ -123,7 +117,6 @@ fn a_vehicle_that_integrates_is_excited_and_comes_back() {
     );
 }
 
-#[test]
 fn what_does_not_fit_is_refused() {
     for (args, words) in [
         (&["--setpoint", "roll"][..], &["--setpoint roll", "--controller"][..]),
@@ -140,3 +133,11 @@ fn what_does_not_fit_is_refused() {
         }
     }
 }
+
+whirlstand_test_harness::listed!(
+    a_test_input_is_flown_on_top_of_an_lqr,
+    the_setpoint_is_moved_under_a_sliding_mode_controller,
+    an_unstable_vehicle_is_identified_in_its_loop,
+    a_vehicle_that_integrates_is_excited_and_comes_back,
+    what_does_not_fit_is_refused,
+);

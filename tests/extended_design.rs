@@ -1,11 +1,9 @@
 //! The effects that the vehicle file declares are used in the law, the estimator and the flight.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 
+use crate::support::{json, refused, run};
 use serde_json::Value;
-use support::{json, refused, run};
 
 const LATE: &str = "\n[[effects]]\neffect = 'input_delay'\nwhere = 'u_roll'\ndelay_s = 0.12\n";
 
@@ -28,7 +26,6 @@ fn design(vehicle: &Path, law: &str) -> Value {
     serde_json::from_str(&answer).unwrap()
 }
 
-#[test]
 fn a_delay_in_the_file_changes_gains_margins_and_poles() {
     let folder = tempfile::tempdir().unwrap();
     let [plain, late] = vehicles(folder.path());
@@ -76,7 +73,6 @@ fn cost(run: &Value, roll_scale: f64) -> f64 {
     roll * roll + input * input
 }
 
-#[test]
 fn a_law_designed_for_the_delay_flies_through_the_gust_at_less_cost() {
     let folder = tempfile::tempdir().unwrap();
     let [plain, _] = vehicles(folder.path());
@@ -90,7 +86,6 @@ fn a_law_designed_for_the_delay_flies_through_the_gust_at_less_cost() {
     }
 }
 
-#[test]
 fn a_delay_that_a_blind_law_cannot_hold_is_held() {
     let folder = tempfile::tempdir().unwrap();
     vehicles(folder.path());
@@ -102,7 +97,6 @@ fn a_delay_that_a_blind_law_cannot_hold_is_held() {
     assert_eq!((recovered(&blind), recovered(&knowing)), (false.into(), true.into()));
 }
 
-#[test]
 fn a_law_designed_for_a_lag_and_a_mode_flies_them() {
     let folder = tempfile::tempdir().unwrap();
     let [plain, late] = vehicles(folder.path());
@@ -120,7 +114,6 @@ fn a_law_designed_for_a_lag_and_a_mode_flies_them() {
     }
 }
 
-#[test]
 fn a_model_with_other_signals_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let launch = folder.path().join("wrong.toml");
@@ -131,3 +124,11 @@ fn a_model_with_other_signals_is_refused() {
         &["line 2", "states of helicopter-hover are not those of the vehicle quadrotor"],
     );
 }
+
+whirlstand_test_harness::listed!(
+    a_delay_in_the_file_changes_gains_margins_and_poles,
+    a_law_designed_for_the_delay_flies_through_the_gust_at_less_cost,
+    a_delay_that_a_blind_law_cannot_hold_is_held,
+    a_law_designed_for_a_lag_and_a_mode_flies_them,
+    a_model_with_other_signals_is_refused,
+);

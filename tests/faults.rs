@@ -1,15 +1,12 @@
 //! Repeated faults at random times: nodes that are killed, stopped or denied memory, a full disk, forged messages,
 //! floods, busy processors. The bench survives and reports them.
 
-mod support;
-
 use std::os::unix::process::CommandExt;
 use std::time::Duration;
 
+use crate::support::bench::all_ready;
+use crate::support::{FAULTS_ALLOWED, Finished, json, run, spawn, whirlstand};
 use serde_json::Value;
-use support::bench::all_ready;
-use support::{FAULTS_ALLOWED, Finished, json, run, spawn, whirlstand};
-use whirlstand_test_harness::undisturbed;
 
 /// Twenty faults of a few seconds each.
 const LIMIT: Duration = Duration::from_secs(240);
@@ -67,40 +64,25 @@ fn assert_survived(result: &Value) {
     }
 }
 
-#[test]
 fn every_node_can_be_killed_over_shared_memory() {
-    undisturbed(|| {
-        assert_survived(&soak("kill", &["--seed", "11"]).1);
-    });
+    assert_survived(&soak("kill", &["--seed", "11"]).1);
 }
 
-#[test]
 fn every_node_can_be_killed_over_zenoh() {
-    undisturbed(|| {
-        assert_survived(&soak("kill", &["--seed", "12", "--transport", "zenoh"]).1);
-    });
+    assert_survived(&soak("kill", &["--seed", "12", "--transport", "zenoh"]).1);
 }
 
-#[test]
 fn every_node_can_be_killed_in_lockstep() {
-    undisturbed(|| {
-        assert_survived(&soak("kill", &["--seed", "13", "--mode", "lockstep"]).1);
-    });
+    assert_survived(&soak("kill", &["--seed", "13", "--mode", "lockstep"]).1);
 }
 
-#[test]
 fn every_node_can_stand_still_for_two_seconds() {
-    undisturbed(|| {
-        assert_survived(&soak("stop", &["--seed", "14", "--stop-for", "2"]).1);
-    });
+    assert_survived(&soak("stop", &["--seed", "14", "--stop-for", "2"]).1);
 }
 
-#[test]
 fn every_node_can_be_without_memory() {
-    undisturbed(|| {
-        let result = soak("memory", &["--seed", "15", "--lasting", "0.5", "--rounds", "2"]).1;
-        assert_all_survived(&result, 8);
-    });
+    let result = soak("memory", &["--seed", "15", "--lasting", "0.5", "--rounds", "2"]).1;
+    assert_all_survived(&result, 8);
 }
 
 /// Below what a process already uses, so that it gets no more memory, not even what it has released.
@@ -117,7 +99,6 @@ fn no_more_than(pid: i32, to: &'static libc::rlimit) {
 
 /// The nodes of the loop allocate no memory in flight. The recorder does: it ends and is restarted, and the log reports
 /// what it lacks.
-#[test]
 fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it_lacks() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().to_str().unwrap();
@@ -157,7 +138,6 @@ fn a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it
 
 /// A restarted recorder cannot receive from a node at its memory limit: the log ends early for its topic, and the run
 /// reports this.
-#[test]
 fn a_node_that_a_new_recorder_does_not_hear_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().to_str().unwrap();
@@ -184,31 +164,25 @@ fn a_node_that_a_new_recorder_does_not_hear_is_told() {
     assert_eq!(summary["ok"], false, "{summary}");
 }
 
-#[test]
 fn a_full_disk_costs_only_what_the_log_tells_of() {
-    undisturbed(|| {
-        let result = soak("disk", &["--seed", "16", "--lasting", "1", "--rounds", "3"]).1;
-        assert_all_survived(&result, 3);
-        assert!(result["lost"].as_u64().unwrap() > 100, "the disk was full: {result}");
-    });
+    let result = soak("disk", &["--seed", "16", "--lasting", "1", "--rounds", "3"]).1;
+    assert_all_survived(&result, 3);
+    assert!(result["lost"].as_u64().unwrap() > 100, "the disk was full: {result}");
 }
 
 /// Where no file system can be mounted, for lack of permission, the recorder is kept from writing any byte more.
-#[test]
 fn without_a_disk_of_its_own_the_recorder_is_not_allowed_to_write() {
-    undisturbed(|| {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("soak.json");
-        let args = ["soak", "--fault", "disk", "--seed", "20", "--lasting", "1", "--rounds", "2", "--json"];
-        let mut command = whirlstand(args.iter().copied().chain([path.to_str().unwrap()]));
-        without_namespaces(&mut command);
-        let end = spawn(command).finish_within(LIMIT);
-        assert_eq!(end.code(), 0, "{}\n{}", end.stdout, end.stderr);
-        assert!(end.stderr.contains("cannot mount a file system of its own"), "{}", end.stderr);
-        let result = json(&path);
-        assert_all_survived(&result, 2);
-        assert!(result["lost"].as_u64().unwrap() > 100, "nothing could be written: {result}");
-    });
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("soak.json");
+    let args = ["soak", "--fault", "disk", "--seed", "20", "--lasting", "1", "--rounds", "2", "--json"];
+    let mut command = whirlstand(args.iter().copied().chain([path.to_str().unwrap()]));
+    without_namespaces(&mut command);
+    let end = spawn(command).finish_within(LIMIT);
+    assert_eq!(end.code(), 0, "{}\n{}", end.stdout, end.stderr);
+    assert!(end.stderr.contains("cannot mount a file system of its own"), "{}", end.stderr);
+    let result = json(&path);
+    assert_all_survived(&result, 2);
+    assert!(result["lost"].as_u64().unwrap() > 100, "nothing could be written: {result}");
 }
 
 /// Refuses unshare(2) to a command and its children (seccomp(2)), like a system that grants its users no namespaces.
@@ -239,75 +213,59 @@ fn without_namespaces(command: &mut std::process::Command) {
     }
 }
 
-#[test]
 fn nobody_without_a_key_is_believed() {
-    undisturbed(|| {
-        let zenoh = ["--transport", "zenoh", "--mode", "lockstep"];
-        let more = [&["--seed", "17", "--lasting", "1", "--rounds", "2"], &zenoh[..]].concat();
-        let result = soak("forge", &more).1;
-        assert_all_survived(&result, 2);
-        assert_eq!(result["lost"], 0, "{result}");
-        assert!(dealt(&result) > 100, "forged: {result}");
-    });
+    let zenoh = ["--transport", "zenoh", "--mode", "lockstep"];
+    let more = [&["--seed", "17", "--lasting", "1", "--rounds", "2"], &zenoh[..]].concat();
+    let result = soak("forge", &more).1;
+    assert_all_survived(&result, 2);
+    assert_eq!(result["lost"], 0, "{result}");
+    assert!(dealt(&result) > 100, "forged: {result}");
 }
 
 /// The positive control of this fault: on an open bench the same forged messages are accepted, and the soak reports
 /// this.
-#[test]
 fn on_an_open_bench_the_forgers_are_found_out() {
-    undisturbed(|| {
-        let more = ["--seed", "17", "--transport", "zenoh", "--set", "security.mode=open", "--rounds", "1"];
-        let (end, result) = soaked("forge", &more);
-        assert_eq!(end.code(), 1, "{}\n{}", end.stdout, end.stderr);
-        let problems = result["problems"].as_array().unwrap();
-        let told = |words: &str| problems.iter().any(|p| p.as_str().unwrap().contains(words));
-        assert!(told("forged messages were accepted"), "{result}");
-    });
+    let more = ["--seed", "17", "--transport", "zenoh", "--set", "security.mode=open", "--rounds", "1"];
+    let (end, result) = soaked("forge", &more);
+    assert_eq!(end.code(), 1, "{}\n{}", end.stdout, end.stderr);
+    let problems = result["problems"].as_array().unwrap();
+    let told = |words: &str| problems.iter().any(|p| p.as_str().unwrap().contains(words));
+    assert!(told("forged messages were accepted"), "{result}");
 }
 
-#[test]
 fn a_flood_of_disturbances_costs_no_message() {
-    undisturbed(|| {
-        // In real time a network that falls behind for a millisecond drops messages, as it would on a busy test
-        // machine.
-        for (transport, mode) in [("iceoryx2", "realtime"), ("zenoh", "lockstep")] {
-            let bench = ["--transport", transport, "--mode", mode];
-            let more = [&["--seed", "18", "--lasting", "1", "--rounds", "2"], &bench[..]].concat();
-            let result = soak("flood", &more).1;
-            assert_all_survived(&result, 2);
-            assert!(dealt(&result) > 500, "{result}");
-        }
-    });
+    // In real time a network that falls behind for a millisecond drops messages, as it would on a busy test
+    // machine.
+    for (transport, mode) in [("iceoryx2", "realtime"), ("zenoh", "lockstep")] {
+        let bench = ["--transport", transport, "--mode", mode];
+        let more = [&["--seed", "18", "--lasting", "1", "--rounds", "2"], &bench[..]].concat();
+        let result = soak("flood", &more).1;
+        assert_all_survived(&result, 2);
+        assert!(dealt(&result) > 500, "{result}");
+    }
 }
 
 /// In real time a network that falls behind, as on a busy machine, drops messages: the loop keeps flying, and what the
 /// log lacks is reported.
-#[test]
 fn a_flood_in_real_time_over_zenoh_is_survived_and_its_losses_are_told() {
-    undisturbed(|| {
-        let more =
-            ["--seed", "21", "--lasting", "1", "--rounds", "2", "--transport", "zenoh", "--mode", "realtime"];
-        let (end, result) = soaked("flood", &more);
-        assert_eq!((&result["given"], &result["survived"]), (&2.into(), &2.into()), "{result}");
-        assert!(dealt(&result) > 500, "{result}");
-        let problems = result["problems"].as_array().unwrap();
-        assert!(problems.iter().all(|p| p.as_str().unwrap().starts_with("recorder lost ")), "{result}");
-        assert_eq!(end.code(), i32::from(!problems.is_empty()), "{}", end.stderr);
-    });
+    let more =
+        ["--seed", "21", "--lasting", "1", "--rounds", "2", "--transport", "zenoh", "--mode", "realtime"];
+    let (end, result) = soaked("flood", &more);
+    assert_eq!((&result["given"], &result["survived"]), (&2.into(), &2.into()), "{result}");
+    assert!(dealt(&result) > 500, "{result}");
+    let problems = result["problems"].as_array().unwrap();
+    assert!(problems.iter().all(|p| p.as_str().unwrap().starts_with("recorder lost ")), "{result}");
+    assert_eq!(end.code(), i32::from(!problems.is_empty()), "{}", end.stderr);
 }
 
-#[test]
 fn busy_processors_cost_time_and_no_message() {
-    undisturbed(|| {
-        for mode in ["realtime", "lockstep"] {
-            let result = soak("load", &["--seed", "19", "--lasting", "1", "--rounds", "2", "--mode", mode]).1;
-            assert_all_survived(&result, 2);
-        }
-    });
+    for mode in ["realtime", "lockstep"] {
+        let result = soak("load", &["--seed", "19", "--lasting", "1", "--rounds", "2", "--mode", mode]).1;
+        assert_all_survived(&result, 2);
+    }
 }
 
 /// A fault that does not fit the bench is refused, with what is expected.
-#[test]
 fn a_fault_without_a_place_is_refused() {
     for (args, words) in [
         (&["--fault", "forge"][..], "--transport zenoh"),
@@ -321,3 +279,21 @@ fn a_fault_without_a_place_is_refused() {
         assert!(end.stderr.contains(words), "{args:?}\n{}", end.stderr);
     }
 }
+
+whirlstand_test_harness::listed!(
+    every_node_can_be_killed_over_shared_memory,
+    every_node_can_be_killed_over_zenoh,
+    every_node_can_be_killed_in_lockstep,
+    every_node_can_stand_still_for_two_seconds,
+    every_node_can_be_without_memory,
+    a_limit_of_memory_in_flight_stops_the_recorder_alone_and_the_log_says_what_it_lacks,
+    a_node_that_a_new_recorder_does_not_hear_is_told,
+    a_full_disk_costs_only_what_the_log_tells_of,
+    without_a_disk_of_its_own_the_recorder_is_not_allowed_to_write,
+    nobody_without_a_key_is_believed,
+    on_an_open_bench_the_forgers_are_found_out,
+    a_flood_of_disturbances_costs_no_message,
+    a_flood_in_real_time_over_zenoh_is_survived_and_its_losses_are_told,
+    busy_processors_cost_time_and_no_message,
+    a_fault_without_a_place_is_refused,
+);

@@ -1,13 +1,11 @@
 //! Vehicles as functional mock-up units: FMPy, an independent tool, finds them valid and gives the same flights as this
 //! program.
 
-mod support;
-
 use std::fmt::Write;
 use std::path::Path;
 use std::process::Command;
 
-use support::{refused, run, spawn};
+use crate::support::{refused, run, spawn};
 use whirlstand_test_harness::{Outcome, python_with};
 
 /// Seed of the sensors' noise.
@@ -134,7 +132,7 @@ fn what_cannot_become_an_fmu_is_refused() {
     assert!(!Path::new(&out).exists());
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     fmpy_flies_every_built_in_vehicle_bit_for_bit,
     fmpy_flies_effects_and_the_files_they_lead_to,
     the_same_vehicle_gives_the_same_bytes,

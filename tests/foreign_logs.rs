@@ -1,12 +1,10 @@
 //! Identification from logs of other programs: PX4 ULog and MCAP in JSON, ROS 2 and protobuf; sensors with units, rates
 //! and delays of their own, and a gap in the middle.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 
-use support::foreign::{Encoding, Topic, mcap, ulog};
-use support::{json, run};
+use crate::support::foreign::{Encoding, Topic, mcap, ulog};
+use crate::support::{json, run};
 use whirlstand_test_harness::{Outcome, python};
 
 /// Delay of the logged attitude, s.
@@ -197,7 +195,7 @@ fn pyulog_reads_the_ulog() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     a_ulog_is_identified,
     an_mcap_log_of_three_encodings_is_identified,
     pyulog_reads_the_ulog

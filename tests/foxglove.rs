@@ -1,17 +1,15 @@
 //! A bench is viewed and controlled by an independent client of Foxglove's protocol, and connected to by clients that
 //! never read.
 
-mod support;
-
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::Command;
 
+use crate::support::bench::unique;
+use crate::support::{FAULTS_ALLOWED, HUNG, Running, refused, run, spawn, whirlstand};
 use serde_json::{Value, json};
-use support::bench::unique;
-use support::{FAULTS_ALLOWED, HUNG, Running, refused, run, spawn, whirlstand};
 use tempfile::TempDir;
 use whirlstand_logs::LogStream;
 use whirlstand_test_harness::{Outcome, python_with};
@@ -210,7 +208,7 @@ fn an_address_that_is_none_is_told() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     a_client_sees_the_bench_by_name_and_steers_it,
     a_log_has_pose_shape_and_events_for_panels,
     clients_that_never_read_change_nothing_in_the_log,

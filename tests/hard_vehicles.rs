@@ -1,12 +1,10 @@
 //! Vehicle files on which unbounded iterations did not terminate, and stiff ones: every command answers within seconds,
 //! with numbers or with an error message.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use support::{Finished, json, spawn, whirlstand};
+use crate::support::{Finished, json, spawn, whirlstand};
 
 /// Far longer than any of these commands should take; one that does not end is killed.
 const ANSWER: Duration = Duration::from_secs(60);
@@ -57,7 +55,6 @@ fn hard() -> Vec<(&'static str, Vec<Vec<f64>>)> {
     ]
 }
 
-#[test]
 fn every_vehicle_is_checked_and_designed_for_within_seconds() {
     let dir = tempfile::tempdir().unwrap();
     let mut answered = 0;
@@ -90,7 +87,6 @@ fn every_vehicle_is_checked_and_designed_for_within_seconds() {
 
 /// The state x1 follows x2 within a microsecond, in a loop of 5 ms: whatever the ratio, x1 is a thousandth of x2 at
 /// every step, and the loop brings the slow states to rest.
-#[test]
 fn a_stiff_vehicle_flies_as_processes() {
     let dir = tempfile::tempdir().unwrap();
     let a = vec![vec![-1e6, 1e3, 0.0], vec![0.0, 0.0, 1.0], vec![0.0, 0.0, -0.5]];
@@ -111,3 +107,8 @@ fn a_stiff_vehicle_flies_as_processes() {
     // Uncontrolled, x2 would stay at 0.5 for 8 s.
     assert!(figure("x2", "iae") < 1.0, "{run}");
 }
+
+whirlstand_test_harness::listed!(
+    every_vehicle_is_checked_and_designed_for_within_seconds,
+    a_stiff_vehicle_flies_as_processes,
+);

@@ -2,14 +2,12 @@
 //!
 //! Making namespaces needs iproute2 and root; a machine whose kernel refuses them can never run these tests.
 
-mod support;
-
 use std::net::UdpSocket;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-use support::{FAULTS_ALLOWED, Finished, Running, json, relay, run, spawn, whirlstand};
+use crate::support::{FAULTS_ALLOWED, Finished, Running, json, relay, run, spawn, whirlstand};
 use whirlstand_test_harness::{Missing, Outcome, python_with};
 
 /// Two joined namespaces with addresses 10.213.N.1 and 10.213.N.2; removed on drop.
@@ -286,7 +284,7 @@ fn a_link_that_delays_and_loses_datagrams_is_flown_counted_and_reported() {
     assert_bad_link_was_seen(dir.path());
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     controller_on_another_host_flies_the_same_flight,
     with_keys_the_link_between_hosts_is_mutual_tls,
     a_bench_is_watched_from_another_host,

@@ -1,9 +1,7 @@
 //! Identification from flown records alone: each of the paper's vehicles is flown as processes, recorded, and
 //! recovered; also the answers of the command to data that it cannot use.
 
-mod support;
-
-use support::{json, run, spawn, whirlstand};
+use crate::support::{json, run, spawn, whirlstand};
 
 /// True values of the paper's tables by parameter name, in the file's units, as `vehicle show` prints them.
 fn table(vehicle: &str) -> Vec<(String, f64)> {
@@ -129,22 +127,18 @@ fn control_data_are_predicted(
     }
 }
 
-#[test]
 fn the_quadrotor_is_found_again() {
     recovers("quadrotor", "quadrotor-structure");
 }
 
-#[test]
 fn the_hovering_helicopter_is_found_again() {
     recovers("helicopter-hover", "helicopter-structure");
 }
 
-#[test]
 fn the_longitudinal_helicopter_is_found_again() {
     recovers("helicopter-longitudinal", "helicopter-structure");
 }
 
-#[test]
 fn the_lateral_helicopter_is_found_again() {
     recovers("helicopter-lateral", "helicopter-structure");
 }
@@ -165,7 +159,6 @@ fn long_search<'a>(log: &'a str, answer: &'a str) -> [&'a str; 10] {
     ]
 }
 
-#[test]
 fn ctrl_c_ends_an_identification_with_the_best_so_far() {
     let dir = tempfile::tempdir().unwrap();
     let log = fly(dir.path(), "quadrotor", "20", "1");
@@ -187,7 +180,6 @@ fn ctrl_c_ends_an_identification_with_the_best_so_far() {
     assert!(answer["remarks"].to_string().contains("ended early"), "{answer}");
 }
 
-#[test]
 fn a_budget_of_time_ends_every_method_with_the_best_so_far() {
     let dir = tempfile::tempdir().unwrap();
     let log = fly(dir.path(), "quadrotor", "20", "1");
@@ -267,7 +259,6 @@ fn series(steps: usize, u: impl Fn(usize) -> f64, y: impl Fn(usize) -> f64) -> S
     std::iter::once("t,u,x\n".to_string()).chain(rows).collect()
 }
 
-#[test]
 fn what_cannot_be_identified_is_refused_with_the_reason() {
     let bounded = "free = [{ entry = \"A[2,1]\", lower = -10.0, upper = 0.0 }]";
     let moving = series(500, |k| f64::from(k as u32 / 50 % 2), |k| (k as f64 * 0.02).sin());
@@ -303,3 +294,13 @@ fn what_cannot_be_identified_is_refused_with_the_reason() {
         &["no signal 'u'", "It has: force, x"],
     );
 }
+
+whirlstand_test_harness::listed!(
+    the_quadrotor_is_found_again,
+    the_hovering_helicopter_is_found_again,
+    the_longitudinal_helicopter_is_found_again,
+    the_lateral_helicopter_is_found_again,
+    ctrl_c_ends_an_identification_with_the_best_so_far,
+    a_budget_of_time_ends_every_method_with_the_best_so_far,
+    what_cannot_be_identified_is_refused_with_the_reason,
+);

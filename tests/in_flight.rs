@@ -1,9 +1,7 @@
 //! A second terminal adjusts a running bench and listens to its topics, over both transports.
 
-mod support;
-
-use support::bench::{all_ready, unique};
-use support::{Running, run, spawn, whirlstand};
+use crate::support::bench::{all_ready, unique};
+use crate::support::{Running, run, spawn, whirlstand};
 use whirlstand_bus::{Bus, BusConfig, Transport};
 use whirlstand_msgs::{Adjustment, AdjustmentKind, AdjustmentVerdict, Message};
 
@@ -49,7 +47,7 @@ fn adjusts_and_listens(transport: &str) {
     let file = dir.path().join("gust.json");
     let gust = ["inject", &name, "roll_rate=60 deg/s^2", "--for", "100 ms", "--json"];
     run(gust.into_iter().chain([file.to_str().expect("utf-8 path")])).success();
-    let told = support::json(&file);
+    let told = crate::support::json(&file);
     assert_eq!(told["schema"], "whirlstand.adjusted.v1");
     let became = &told["adjusted"][0];
     assert_eq!((became["refused"].is_null(), became["step"].is_u64()), (true, true), "{told}");
@@ -72,17 +70,14 @@ fn adjusts_and_listens(transport: &str) {
     assert!(late.stderr.contains(&format!("no bench '{name}' of yours runs here")), "{}", late.stderr);
 }
 
-#[test]
 fn a_bench_over_shared_memory_is_adjusted_and_listened_to() {
     adjusts_and_listens("iceoryx2");
 }
 
-#[test]
 fn a_protected_bench_over_a_network_is_adjusted_and_listened_to() {
     adjusts_and_listens("zenoh");
 }
 
-#[test]
 fn a_bench_that_is_not_open_says_what_would_open_it_whoever_asks() {
     let dir = tempfile::tempdir().unwrap();
     let name = unique("in-flight-closed");
@@ -106,7 +101,7 @@ fn a_bench_that_is_not_open_says_what_would_open_it_whoever_asks() {
     let mut ask = bus.publisher_on("adjust").unwrap();
     ask.send(&request).unwrap();
     let mut answer = None;
-    let until = std::time::Instant::now() + support::HUNG;
+    let until = std::time::Instant::now() + crate::support::HUNG;
     bus.wait_until(until, || {
         answer = answers.try_recv()?;
         Ok::<_, whirlstand_bus::RecvError>(answer.is_some())
@@ -117,7 +112,6 @@ fn a_bench_that_is_not_open_says_what_would_open_it_whoever_asks() {
     end(bench);
 }
 
-#[test]
 fn what_was_asked_for_is_in_the_log() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().to_str().expect("utf-8 path");
@@ -133,3 +127,10 @@ fn what_was_asked_for_is_in_the_log() {
         info.stdout.lines().find(|l| l.contains("/adjusted")).unwrap_or_else(|| panic!("{}", info.stdout));
     assert!(line.contains(" 1 "), "{line}");
 }
+
+whirlstand_test_harness::listed!(
+    a_bench_over_shared_memory_is_adjusted_and_listened_to,
+    a_protected_bench_over_a_network_is_adjusted_and_listened_to,
+    a_bench_that_is_not_open_says_what_would_open_it_whoever_asks,
+    what_was_asked_for_is_in_the_log,
+);

@@ -1,10 +1,8 @@
 //! Programs that are independent of this code and use the transports' public packages, as nodes of a bench.
 
-mod support;
-
 use std::path::Path;
 
-use support::{FAULTS_ALLOWED, json, run};
+use crate::support::{FAULTS_ALLOWED, json, run};
 use whirlstand_test_harness::{Outcome, python};
 
 /// Flies with the example as controller, which needs only the public package of its transport.
@@ -87,7 +85,7 @@ fn a_node_that_runs_out_of_memory_in_flight_is_started_again() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     a_node_that_runs_out_of_memory_in_flight_is_started_again,
     a_python_program_with_the_iceoryx2_package_is_the_controller,
     a_python_program_with_the_zenoh_package_is_the_controller

@@ -1,16 +1,14 @@
 //! A bench is viewed in flight, and a log is played back, in a real browser, by programs that read what the page reads,
 //! and by some that never read.
 
-mod support;
-
 use std::io::Read;
 use std::path::Path;
 
+use crate::support::bench::{all_ready, unique};
+use crate::support::devtools::Page;
+use crate::support::page::{OPEN, control, frames_of, live_bench, page_of, read_until, request, status};
+use crate::support::{refused, run, spawn, whirlstand};
 use serde_json::{Value, json};
-use support::bench::{all_ready, unique};
-use support::devtools::Page;
-use support::page::{OPEN, control, frames_of, live_bench, page_of, read_until, request, status};
-use support::{refused, run, spawn, whirlstand};
 use tempfile::TempDir;
 use whirlstand_test_harness::{Outcome, browser};
 
@@ -92,7 +90,7 @@ fn flown_with_stalled_viewers(folder: &Path, viewers: usize, page: bool) -> Stri
         }
     }
     bench.finish().success();
-    let summary = support::json(format!("{out}/summary.json"));
+    let summary = crate::support::json(format!("{out}/summary.json"));
     assert_eq!(summary["runs"][0]["lost"].as_u64().unwrap_or(0), 0, "{summary}");
     out
 }
@@ -224,7 +222,7 @@ fn only_who_knows_the_token_looks_from_another_machine() {
     refused(&["play", "no-such-log.mcap"], &["no-such-log.mcap"]);
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     a_running_bench_is_shown_and_steered_from_two_browsers,
     viewers_that_never_read_change_nothing_in_the_log,
     a_bench_over_shared_memory_is_watched,

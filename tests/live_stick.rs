@@ -1,16 +1,14 @@
 //! The stick on the live page, in a real browser. A separate test program, because a browser that shares the processors
 //! with others occasionally falls silent and thus releases the stick.
 
-mod support;
-
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
+use crate::support::HUNG;
+use crate::support::bench::unique;
+use crate::support::devtools::Page;
+use crate::support::page::{control, live_bench};
 use serde_json::json;
-use support::HUNG;
-use support::bench::unique;
-use support::devtools::Page;
-use support::page::{control, live_bench};
 use tempfile::TempDir;
 use whirlstand_test_harness::{Outcome, browser};
 
@@ -123,7 +121,7 @@ fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome 
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence,
     a_gamepad_flies_the_bench_until_it_is_unplugged
 );

@@ -1,12 +1,9 @@
 //! Lockstep uses no wall clock: a bench whose nodes are stopped for any length of time flies the same flight.
 
-mod support;
-
 use std::path::Path;
 
-use support::bench::{all_ready, ready, signal};
-use support::{json, run, spawn, whirlstand};
-use whirlstand_test_harness::undisturbed;
+use crate::support::bench::{all_ready, ready, signal};
+use crate::support::{json, run, spawn, whirlstand};
 
 /// Long enough that every node can be stopped within it.
 const DURATION_S: &str = "200";
@@ -45,59 +42,57 @@ fn assert_same(a: &Path, b: &Path) {
     assert_eq!(diff.code(), 0, "{}\n{}", diff.stdout, diff.stderr);
 }
 
-#[test]
 fn nodes_that_stand_still_change_nothing_over_iceoryx2() {
     nodes_that_stand_still_change_nothing("iceoryx2");
 }
 
-#[test]
 fn nodes_that_stand_still_change_nothing_over_zenoh() {
     nodes_that_stand_still_change_nothing("zenoh");
 }
 
 fn nodes_that_stand_still_change_nothing(transport: &str) {
-    undisturbed(|| {
-        let dir = tempfile::tempdir().unwrap();
-        let path = |name: &str| dir.path().join(name).to_str().expect("utf-8 path").to_string();
-        let reference = path("reference");
-        run(flight(&reference, "inproc", &[])).success();
-        let out = path(transport);
-        let told = ["--log-level", "debug"];
-        let mut bench = spawn(whirlstand(flight(&out, transport, &told)));
-        let nodes = ["estimator", "controller", "recorder"];
-        let pids = all_ready(&mut bench, nodes);
-        if transport == "zenoh" {
-            // Waits until the loop runs: a link made while one end is stopped begins with a gap for the recorder.
-            bench.wait_for_stderr("steps/s  misses 0");
-        }
-        for (node, pid) in nodes.into_iter().zip(pids) {
-            signal(pid, libc::SIGSTOP);
-            bench.wait_for_stderr(&format!("waiting for the {node}"));
-            signal(pid, libc::SIGCONT);
-        }
-        bench.finish().success();
-        let timing = &json(dir.path().join(transport).join("summary.json"))["timing"];
-        assert_eq!((&timing["deadline_misses"], &timing["lost"]), (&0.into(), &0.into()), "{timing}");
-        assert_same(&Path::new(&reference).join("log.mcap"), &Path::new(&out).join("log.mcap"));
-    });
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).to_str().expect("utf-8 path").to_string();
+    let reference = path("reference");
+    run(flight(&reference, "inproc", &[])).success();
+    let out = path(transport);
+    let told = ["--log-level", "debug"];
+    let mut bench = spawn(whirlstand(flight(&out, transport, &told)));
+    let nodes = ["estimator", "controller", "recorder"];
+    let pids = all_ready(&mut bench, nodes);
+    if transport == "zenoh" {
+        // Waits until the loop runs: a link made while one end is stopped begins with a gap for the recorder.
+        bench.wait_for_stderr("steps/s  misses 0");
+    }
+    for (node, pid) in nodes.into_iter().zip(pids) {
+        signal(pid, libc::SIGSTOP);
+        bench.wait_for_stderr(&format!("waiting for the {node}"));
+        signal(pid, libc::SIGCONT);
+    }
+    bench.finish().success();
+    let timing = &json(dir.path().join(transport).join("summary.json"))["timing"];
+    assert_eq!((&timing["deadline_misses"], &timing["lost"]), (&0.into(), &0.into()), "{timing}");
+    assert_same(&Path::new(&reference).join("log.mcap"), &Path::new(&out).join("log.mcap"));
 }
 
-#[test]
 fn an_answer_timeout_is_for_those_who_ask_for_one() {
-    undisturbed(|| {
-        let dir = tempfile::tempdir().unwrap();
-        let out = dir.path().to_str().expect("utf-8 path");
-        let args =
-            ["run", "quadrotor", "--no-log", "--mode", "lockstep", "--duration", "1000 h", "--out", out];
-        let more = ["--answer-timeout", "100 ms", "--log-level", "debug"];
-        let mut bench = spawn(whirlstand(args.into_iter().chain(more)));
-        let pid = ready(&mut bench, "controller");
-        bench.wait_for_stderr("steps/s");
-        signal(pid, libc::SIGSTOP);
-        bench.wait_for_stderr("FAILSAFE");
-        signal(pid, libc::SIGCONT);
-        bench.wait_for_stderr("failsafe ended");
-        bench.signal(libc::SIGTERM);
-        assert_eq!(bench.finish().code(), 143);
-    });
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().to_str().expect("utf-8 path");
+    let args = ["run", "quadrotor", "--no-log", "--mode", "lockstep", "--duration", "1000 h", "--out", out];
+    let more = ["--answer-timeout", "100 ms", "--log-level", "debug"];
+    let mut bench = spawn(whirlstand(args.into_iter().chain(more)));
+    let pid = ready(&mut bench, "controller");
+    bench.wait_for_stderr("steps/s");
+    signal(pid, libc::SIGSTOP);
+    bench.wait_for_stderr("FAILSAFE");
+    signal(pid, libc::SIGCONT);
+    bench.wait_for_stderr("failsafe ended");
+    bench.signal(libc::SIGTERM);
+    assert_eq!(bench.finish().code(), 143);
 }
+
+whirlstand_test_harness::listed!(
+    nodes_that_stand_still_change_nothing_over_iceoryx2,
+    nodes_that_stand_still_change_nothing_over_zenoh,
+    an_answer_timeout_is_for_those_who_ask_for_one,
+);

@@ -1,13 +1,11 @@
 //! A log in several files: split by size, by duration, or after the disk was full. Every command reads them as one log.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::support::{json, run, spawn};
 use serde_json::Value;
-use support::{json, run, spawn};
-use whirlstand_test_harness::{Missing, Outcome, waiting_tests};
+use whirlstand_test_harness::{Missing, Outcome};
 
 /// Flies a quadrotor with the settings `more`; returns the folder.
 fn flown(dir: &Path, name: &str, more: &[&str]) -> PathBuf {
@@ -120,7 +118,7 @@ fn a_full_disk_is_told_once_and_leaves_a_hole_that_the_verdict_names() -> Outcom
     Ok(())
 }
 
-waiting_tests!(
+whirlstand_test_harness::listed!(
     files_are_full_at_their_size_and_one_log_together,
     the_oldest_files_go_when_only_so_many_are_kept,
     a_full_disk_is_told_once_and_leaves_a_hole_that_the_verdict_names,

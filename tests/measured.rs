@@ -1,12 +1,10 @@
 //! Measured data is read with its units and compared: a helicopter's hover, 85.9 s at 100 Hz, against the model of
 //! another helicopter. The known properties of the record must be found.
 
-mod support;
-
 use std::path::Path;
 
+use crate::support::{json, run};
 use serde_json::Value;
-use support::{json, run};
 use whirlstand_test_harness::{Outcome, data};
 
 /// Sample count of the record.
@@ -159,7 +157,7 @@ fn the_law_for_a_crazyflie_learns_of_its_motors_lag() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     a_real_stick_record_drives_the_model_of_another_helicopter,
     the_comparison_shows_what_the_record_holds,
     a_signal_that_the_log_does_not_have_is_answered_with_those_it_has,

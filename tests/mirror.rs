@@ -1,10 +1,8 @@
 //! Flights as whole processes in which something changes, monitored by the mirror.
 
-mod support;
-
 use std::path::Path;
 
-use support::{json, refused, run};
+use crate::support::{json, refused, run};
 use tempfile::TempDir;
 
 /// A sensor bias of 1 deg from 8 s on, which only the plant knows.
@@ -29,7 +27,6 @@ fn fly(folder: &Path, name: &str, text: &str) -> (String, String) {
     (out, format!("{}{}", ran.stdout, ran.stderr))
 }
 
-#[test]
 fn what_changes_in_flight_is_named_and_the_loop_does_not_notice() {
     let dir = TempDir::new().unwrap();
     let (out, said) = fly(dir.path(), "watched", &format!("{BIASED}\n[mirror]\n"));
@@ -54,7 +51,6 @@ fn what_changes_in_flight_is_named_and_the_loop_does_not_notice() {
     }
 }
 
-#[test]
 fn a_flight_as_the_file_says_has_no_finding() {
     let dir = TempDir::new().unwrap();
     let plain = BIASED.split("[[effects]]").next().unwrap();
@@ -108,7 +104,6 @@ fn flown(out: &str) -> Vec<[f64; 3]> {
     lines.map(read).filter(|row: &[f64; 3]| row.iter().all(|v| v.is_finite())).collect()
 }
 
-#[test]
 fn the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_better() {
     let dir = TempDir::new().unwrap();
     let steps = setpoints().map(|(at, roll)| format!("[[setpoint]]\nat_s = {at}\nroll = \"{roll} deg\"\n"));
@@ -152,7 +147,6 @@ fn the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_bett
     run(["log", "diff", &out, &again]).success();
 }
 
-#[test]
 fn what_the_mirror_is_worth_is_measured_by_a_command() {
     let call =
         ["bench", "mirror", "--trials", "2", "--clean", "0.02", "--effects", "bias,delay", "--seed", "3"];
@@ -167,3 +161,10 @@ fn what_the_mirror_is_worth_is_measured_by_a_command() {
     assert_eq!(tally["trials"][3]["what"], "delay", "{tally}");
     refused(&["bench", "mirror", "--effects", "flutter"], &["flutter", "stuck-sensor"]);
 }
+
+whirlstand_test_harness::listed!(
+    what_changes_in_flight_is_named_and_the_loop_does_not_notice,
+    a_flight_as_the_file_says_has_no_finding,
+    the_law_for_what_was_found_takes_over_in_flight_without_a_bump_and_flies_better,
+    what_the_mirror_is_worth_is_measured_by_a_command,
+);

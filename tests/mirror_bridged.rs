@@ -2,16 +2,14 @@
 //! flies it. CRSF: a transmitter module with a vehicle behind it. Real processes, real UDP and pseudo-terminals, and clocks
 //! that are not synchronised.
 
-mod support;
-
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use crate::support::bridged::{Bridged, setpoints};
+use crate::support::radio::Place;
+use crate::support::{json, spawn, whirlstand};
 use serde_json::{Value, json as value};
-use support::bridged::{Bridged, setpoints};
-use support::radio::Place;
-use support::{json, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
 /// A UDP port that no process uses.
@@ -157,7 +155,7 @@ fn half_of_an_input_that_a_vehicle_behind_crsf_loses_is_named() {
     half_of_the_input_is_named(findings, 20.0, &ended.stderr);
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     a_vehicle_as_its_file_says_is_blamed_for_nothing,
     half_of_an_input_that_is_lost_in_flight_is_named_with_its_size,
     half_of_an_input_that_a_vehicle_behind_crsf_loses_is_named

@@ -1,13 +1,11 @@
 //! The pages that commands write, as a browser shows them: every plot is drawn, nothing is loaded, nothing overflows a
 //! phone.
 
-mod support;
-
 use std::path::Path;
 use std::process::Command;
 
-use support::devtools::Page;
-use support::{run, spawn};
+use crate::support::devtools::Page;
+use crate::support::{run, spawn};
 use tempfile::TempDir;
 use whirlstand_test_harness::{Outcome, browser};
 
@@ -180,7 +178,7 @@ fn every_page_fits_a_phone() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     a_campaign_is_drawn_in_the_units_of_its_vehicle,
     every_page_fits_a_phone,
     a_run_is_drawn_plots_first,

@@ -2,13 +2,11 @@
 //! the board and reads its attitude through the bench. The station never writes what the loop owns. All lines carry only
 //! what their baud rate allows.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use support::flight::take_off;
-use support::{Running, json, run, spawn};
+use crate::support::flight::take_off;
+use crate::support::{Running, json, run, spawn};
 use whirlstand_test_harness::{Missing, Outcome, python, python_with};
 
 /// Starts a ground station of this kind on a serial line of its own.
@@ -117,7 +115,7 @@ fn a_line_that_cannot_carry_the_sensors_is_refused_with_the_rate_that_it_carries
     assert!(end.stderr.contains("udpout://"), "{}", end.stderr);
 }
 
-whirlstand_test_harness::waiting_tests!(
+whirlstand_test_harness::listed!(
     pymavlink_arms_a_board_on_one_line_and_writes_nothing_that_the_loop_owns,
     mavsdk_arms_a_board_on_one_line,
     mavproxy_arms_a_board_on_one_line,

@@ -2,12 +2,10 @@
 //! over shared memory and over the network in lockstep, and every vehicle and every law in realtime. The limits on peak
 //! and recovery in each launch file decide.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use support::{Finished, Running, json, spawn, whirlstand};
+use crate::support::{Finished, Running, json, spawn, whirlstand};
 use whirlstand_test_harness::{Outcome, in_real_time, wait_for_rest};
 
 /// Every vehicle under every law.
@@ -163,7 +161,7 @@ fn the_laws_of_a_comparison_fly_one_after_the_other_into_one_report() {
     }
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     in_lockstep_over_shared_memory,
     in_lockstep_over_zenoh,
     in_realtime_over_shared_memory,

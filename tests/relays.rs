@@ -1,12 +1,10 @@
 //! Controllers that are not nodes of a bench fly through a relay: one in C over UDP, one as it would be in ROS 2.
 
-mod support;
-
 use std::net::{TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use support::{FAULTS_ALLOWED, json, refused, run, spawn, whirlstand};
+use crate::support::{FAULTS_ALLOWED, json, refused, run, spawn, whirlstand};
 use whirlstand_test_harness::{Missing, Outcome, python_with};
 
 const WHIRLSTAND: &str = env!("CARGO_BIN_EXE_whirlstand");
@@ -135,7 +133,7 @@ fn what_a_relay_cannot_be_told_is_refused() {
     refused(&["relay", "udp", "--peer", "here"], &["--peer"]);
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     a_c_program_is_the_controller,
     a_controller_may_come_after_the_bench,
     a_program_of_ros_2_is_the_controller,

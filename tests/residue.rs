@@ -1,22 +1,20 @@
 //! Processes and files left by killed launchers are ended and removed, and nothing else; full shared memory is
 //! reported.
 
-mod support;
-
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
+use crate::support::bench::{all_ready, gone, residue, signal, unique};
+use crate::support::{FAULTS_ALLOWED, HUNG, Running, json, run, spawn, whirlstand};
 use serde_json::Value;
-use support::bench::{all_ready, gone, residue, signal, unique};
-use support::{FAULTS_ALLOWED, HUNG, Running, json, run, spawn, whirlstand};
-use whirlstand_test_harness::{Missing, Outcome, tests};
+use whirlstand_test_harness::{Missing, Outcome};
 
 const NODES: [&str; 4] = ["recorder", "estimator", "controller", "plant"];
 
-tests![
+whirlstand_test_harness::listed![
     the_next_start_removes_what_five_killed_benches_left,
     clean_lists_then_removes_and_leaves_live_benches_alone,
     keys_of_a_killed_bench_are_listed_and_removed,

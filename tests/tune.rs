@@ -1,13 +1,11 @@
 //! The complete workflow: a flight with a hidden delay, its diagnosis, a law designed for the delay, and the flight
 //! again.
 
-mod support;
-
 use std::path::Path;
 use std::time::Duration;
 
+use crate::support::{Finished, json, refused, run, spawn, whirlstand};
 use serde_json::Value;
-use support::{Finished, json, refused, run, spawn, whirlstand};
 
 fn text(path: &Path) -> &str {
     path.to_str().unwrap()
@@ -59,7 +57,6 @@ fn tune(args: &[&str]) -> Finished {
     spawn(whirlstand(args)).finish_within(Duration::from_secs(900)).success()
 }
 
-#[test]
 fn a_hidden_delay_is_found_designed_for_and_flown_better() {
     let folder = tempfile::tempdir().unwrap();
     let (launch, tuned) = (folder.path().join("late.toml"), folder.path().join("tuned"));
@@ -109,7 +106,6 @@ fn a_hidden_delay_is_found_designed_for_and_flown_better() {
     assert!(left(&after) < left(&before), "{before} {after}");
 }
 
-#[test]
 fn weights_are_chosen_on_other_draws_than_they_are_judged_on() {
     let folder = tempfile::tempdir().unwrap();
     let (launch, tuned) = (folder.path().join("slow.toml"), folder.path().join("tuned"));
@@ -135,7 +131,6 @@ fn weights_are_chosen_on_other_draws_than_they_are_judged_on() {
     refused(&[&retune[..], &["--max-sensitivity", "0.9"]].concat(), &["--max-sensitivity 0.9", "above 1"]);
 }
 
-#[test]
 fn a_flight_as_simulated_keeps_its_law() {
     let folder = tempfile::tempdir().unwrap();
     let (launch, tuned) = (folder.path().join("plain.toml"), folder.path().join("tuned"));
@@ -156,7 +151,6 @@ fn a_flight_as_simulated_keeps_its_law() {
 
 /// The paper's Figure 12: the quadrotor by hand and under sliding mode, with roll and pitch of its IMU offset from
 /// level.
-#[test]
 fn figure_12_from_a_flight_by_hand_is_held_level() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("proof");
@@ -193,7 +187,6 @@ fn figure_12_from_a_flight_by_hand_is_held_level() {
 }
 
 /// One cell with every node as a process of its own: the logs are what is judged.
-#[test]
 fn a_cell_is_flown_over_processes() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("proof");
@@ -215,3 +208,11 @@ fn a_cell_is_flown_over_processes() {
     assert!(thread.contains("0 cells"), "{thread}");
     refused(&[&call[..], &["--seeds", "3"]].concat(), &["--processes"]);
 }
+
+whirlstand_test_harness::listed!(
+    a_hidden_delay_is_found_designed_for_and_flown_better,
+    weights_are_chosen_on_other_draws_than_they_are_judged_on,
+    a_flight_as_simulated_keeps_its_law,
+    figure_12_from_a_flight_by_hand_is_held_level,
+    a_cell_is_flown_over_processes,
+);

@@ -1,12 +1,9 @@
 //! Units are never guessed: user input without a unit is accepted or refused, and everything that is returned carries
 //! one.
 
-mod support;
-
+use crate::support::{json, refused, run};
 use serde_json::Value;
-use support::{json, refused, run};
 
-#[test]
 fn a_number_without_a_unit_is_answered_with_both_readings() {
     let run = ["run", "quadrotor", "--mode", "lockstep", "--set"];
     let set = |assignment: &'static str| [&run[..], &[assignment]].concat();
@@ -37,7 +34,6 @@ fn a_number_without_a_unit_is_answered_with_both_readings() {
 }
 
 /// The standard deviation of a bias may be given in any unit of its sensor.
-#[test]
 fn a_bias_takes_the_unit_of_its_sensor() {
     let dir = tempfile::tempdir().unwrap();
     let fly = |name: &str, bias_std: &str| {
@@ -57,7 +53,6 @@ fn a_bias_takes_the_unit_of_its_sensor() {
     assert_ne!(degrees, wide, "it reaches the filter");
 }
 
-#[test]
 fn a_delay_that_a_record_is_too_short_for_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).display().to_string();
@@ -84,7 +79,6 @@ fn noisy(text: &str) -> Vec<&str> {
         .collect()
 }
 
-#[test]
 fn what_a_run_says_carries_units_and_no_noise_of_arithmetic() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
@@ -103,7 +97,6 @@ fn what_a_run_says_carries_units_and_no_noise_of_arithmetic() {
     assert_eq!(run["disturbances"][0]["unit"], "rad/s^2");
 }
 
-#[test]
 fn a_checked_vehicle_is_read_back_with_units() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("v.toml");
@@ -127,7 +120,6 @@ fn a_checked_vehicle_is_read_back_with_units() {
     assert_eq!(json["effects"][0]["units"]["magnitude"], "rad/s^2");
 }
 
-#[test]
 fn a_designed_flight_is_written_with_units_and_flies() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).display().to_string();
@@ -159,7 +151,6 @@ fn a_designed_flight_is_written_with_units_and_flies() {
 }
 
 /// Values of a file that declares rad are shown in rad: on the terminal, on pages, in the log and in error messages.
-#[test]
 fn what_is_shown_is_in_the_unit_that_the_file_declares() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).display().to_string();
@@ -217,3 +208,13 @@ fn what_is_shown_is_in_the_unit_that_the_file_declares() {
     assert_eq!(peak["unit"], "rad");
     assert!(!said.contains("deg"), "{said}");
 }
+
+whirlstand_test_harness::listed!(
+    a_number_without_a_unit_is_answered_with_both_readings,
+    a_bias_takes_the_unit_of_its_sensor,
+    a_delay_that_a_record_is_too_short_for_is_refused,
+    what_a_run_says_carries_units_and_no_noise_of_arithmetic,
+    a_checked_vehicle_is_read_back_with_units,
+    a_designed_flight_is_written_with_units_and_flies,
+    what_is_shown_is_in_the_unit_that_the_file_declares,
+);

@@ -1,12 +1,10 @@
 //! `whirlstand vehicle new` on third-party flights: each log yields a model whose prediction of held-out data is
 //! stated, and with which `identify` runs, or is refused for the right reason.
 
-mod support;
-
 use std::path::Path;
 
+use crate::support::{json, run};
 use serde_json::Value;
-use support::{json, run};
 use whirlstand_test_harness::{Outcome, data};
 
 /// Drafts a vehicle, checks what every draft must have, and returns the findings.
@@ -164,7 +162,7 @@ fn what_a_draft_knows_of_its_log_is_kept() -> Outcome {
     Ok(())
 }
 
-whirlstand_test_harness::tests!(
+whirlstand_test_harness::listed!(
     what_a_draft_knows_of_its_log_is_kept,
     identify_finds_a_draft_again,
     motors_that_are_off_are_refused,

@@ -1,10 +1,8 @@
 //! A run in which the vehicle was not controlled is not a success, whatever its launch file states or omits.
 
-mod support;
-
 use std::path::Path;
 
-use support::{Finished, json, run, spawn, whirlstand};
+use crate::support::{Finished, json, run, spawn, whirlstand};
 
 /// Flies in real time, and sends `signal` to a node in flight.
 fn fly_and_signal(node: &str, signal: i32, out: &Path, more: &[&str]) -> Finished {
@@ -22,7 +20,6 @@ fn fly_and_signal(node: &str, signal: i32, out: &Path, more: &[&str]) -> Finishe
     running.finish()
 }
 
-#[test]
 fn a_run_that_stays_in_failsafe_fails_with_or_without_its_log() {
     for more in [&[][..], &["--no-log", "--set", "expect={}"]] {
         let dir = tempfile::tempdir().unwrap();
@@ -37,7 +34,6 @@ fn a_run_that_stays_in_failsafe_fails_with_or_without_its_log() {
     }
 }
 
-#[test]
 fn a_restart_fails_the_run_unless_the_file_allows_it() {
     let dir = tempfile::tempdir().unwrap();
     let end = fly_and_signal("recorder", libc::SIGKILL, dir.path(), &[]);
@@ -45,7 +41,6 @@ fn a_restart_fails_the_run_unless_the_file_allows_it() {
     assert!(end.stdout.contains("max_restarts is 1, above the limit 0"), "{}", end.stdout);
 }
 
-#[test]
 fn a_run_that_controls_holds_the_limits_that_nobody_stated() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("plain.toml");
@@ -57,7 +52,6 @@ fn a_run_that_controls_holds_the_limits_that_nobody_stated() {
     assert!(expect.as_array().unwrap().iter().all(|e| e["limit"] == 0.0 && e["found"] == 0.0), "{expect}");
 }
 
-#[test]
 fn the_rows_of_a_verdict_are_in_the_order_of_their_names() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("two.toml");
@@ -83,3 +77,10 @@ fn the_rows_of_a_verdict_are_in_the_order_of_their_names() {
     let sentence = json(out.join("summary.json"))["verdict"].to_string();
     assert!(sentence.contains("(pitch.peak, roll.peak, roll_rate.peak, u_roll.rms)"), "{sentence}");
 }
+
+whirlstand_test_harness::listed!(
+    a_run_that_stays_in_failsafe_fails_with_or_without_its_log,
+    a_restart_fails_the_run_unless_the_file_allows_it,
+    a_run_that_controls_holds_the_limits_that_nobody_stated,
+    the_rows_of_a_verdict_are_in_the_order_of_their_names,
+);

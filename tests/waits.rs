@@ -1,10 +1,8 @@
 //! A bench that is blocked reports what it waits for.
 
-mod support;
-
 use std::net::{TcpListener, UdpSocket};
 
-use support::{spawn, whirlstand};
+use crate::support::{spawn, whirlstand};
 
 /// A TCP port that nobody uses.
 fn free_port() -> u16 {
@@ -12,7 +10,6 @@ fn free_port() -> u16 {
     listener.local_addr().expect("its address").port()
 }
 
-#[test]
 fn a_bench_without_its_autopilot_says_what_it_waits_for_and_where() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().to_str().expect("utf-8 path");
@@ -27,7 +24,6 @@ fn a_bench_without_its_autopilot_says_what_it_waits_for_and_where() {
     assert_eq!(bench.finish().code(), 143);
 }
 
-#[test]
 fn a_bench_whose_vehicle_never_speaks_says_what_it_waits_for_and_where() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().to_str().expect("utf-8 path");
@@ -47,3 +43,8 @@ fn a_bench_whose_vehicle_never_speaks_says_what_it_waits_for_and_where() {
         ended.stdout
     );
 }
+
+whirlstand_test_harness::listed!(
+    a_bench_without_its_autopilot_says_what_it_waits_for_and_where,
+    a_bench_whose_vehicle_never_speaks_says_what_it_waits_for_and_where,
+);

@@ -57,8 +57,18 @@ pub(crate) const BEGINNING_S: f64 = 0.1;
 /// Gain of the log-likelihood below which a fit has converged. A hundredth of the standard error of a
 /// log-likelihood ratio of one parameter (Wilks 1938).
 pub(crate) const FIT_TOLERANCE: f64 = 0.02;
-/// Levenberg-Marquardt steps tried from one point, each with ten times the damping of the last. Cost.
+/// Steps tried from one point, each with more damping than the last. Cost.
 pub(crate) const MAX_DAMPED_STEPS: usize = 6;
+/// Limits of the descent of a fit under one noise model: it ends where a step would gain, or has gained, less than the
+/// tolerance of a fit. The predicted gain of a step is half its length squared, in standard errors. The number of steps is
+/// the fit's. Cost.
+pub(crate) const DESCENT_LIMITS: Limits = Limits {
+    iterations: 6,
+    tolerance: 0.1,
+    gain: 0.5 * FIT_TOLERANCE,
+    trials: MAX_DAMPED_STEPS,
+    damping: 1e-4,
+};
 /// A run that exceeds the largest measured value by this factor has diverged: nonlinear effects far out cost
 /// thousands of steps each. Cost.
 pub(crate) const DIVERGED_RATIO: f64 = 1e3;
@@ -70,8 +80,14 @@ pub(crate) const MAX_TRANSIENT_STEPS: usize = 400;
 /// Relative change of the gain in a step below which it is settled. Likelihoods err by its square. The covariance of a filter is
 /// stationary about the optimal gain: an error enters squared (Anderson and Moore 1979).
 pub(crate) const SETTLED_GAIN_CHANGE: f64 = 1e-6;
-/// Largest number of steps of a climb. Cost.
-pub(crate) const MAX_CLIMB_ROUNDS: usize = 15;
+/// Difference of a noise's logarithm, or of a correlation's inverse hyperbolic tangent, for a derivative: rounding and
+/// curvature are both below 1e-3 of a derivative, which only directs a step.
+pub(crate) const NOISE_PARAMETER_STEP: f64 = 1e-3;
+/// Rows of which the derivatives are held at a time. Cost.
+pub(crate) const SCORED_ROWS: usize = 1024;
+/// Limits of a climb: it ends where a step would gain, or has gained, as little as where a fit has converged. Cost.
+pub(crate) const CLIMB_LIMITS: Limits =
+    Limits { iterations: 15, tolerance: 0.2, gain: FIT_TOLERANCE, trials: MAX_DAMPED_STEPS, damping: 1e-3 };
 /// Largest gain left to a climb: this many times what its next step promises, plus this many. Cost.
 pub(crate) const CLIMB_OPTIMISM: f64 = 4.0;
 /// Magnitude below which partial correlations are set to zero. Calibrated.
@@ -263,7 +279,7 @@ pub(crate) const COMPLETE_ROWS_SHARE: f64 = 0.7;
 /// Limits of Fisher scoring on Whittle's likelihood: it ends where a step gains a hundredth, far below one standard error
 /// of a log-likelihood ratio (Wilks 1938). Cost.
 pub(crate) const SCORING_LIMITS: Limits =
-    Limits { iterations: 60, tolerance: 1e-3, gain: 1e-2, trials: MAX_DAMPED_STEPS };
+    Limits { iterations: 60, tolerance: 1e-3, gain: 1e-2, trials: MAX_DAMPED_STEPS, damping: 1e-3 };
 /// States whose fit is refined by the exact likelihood: the best of Whittle's. Cost.
 pub(crate) const TURBULENCE_STATES_REFINED: usize = 3;
 /// Relative error of a difference of sums of some thousand products in double precision.

@@ -1,15 +1,13 @@
 //! A hypothesis about a record: a vehicle and effects with free parameters, fitted together.
 
-use crate::thresholds::{FIT_TOLERANCE, MAX_DAMPED_STEPS};
-use std::sync::Arc;
+use crate::thresholds::FIT_TOLERANCE;
 
-use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
+use nalgebra::DMatrix;
 use whirlstand_vehicle::{Effect, Free, Vehicle};
 
 use crate::candidates::library::Candidate;
-use crate::data::record::Data;
-use crate::model::columns::{Column, Slot, blocks, dot, dots, products};
+use crate::model::columns::{Column, products};
+use crate::model::descent::{Descent, Place, whitened};
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
 use whirlstand_ident::identify::normal::pseudo_inverse;
@@ -181,62 +179,22 @@ impl<'r, 'd> Model<'r, 'd> {
         let data = self.free_run.data;
         let (outer, inner) = effort.rounds();
         let slots = self.slots();
-        let mut values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
-        let mut predicted = self.predict(&values)?;
-        let mut residual = data.residual(&predicted);
+        let values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
+        let mut place = Place::new(self, values)?;
         let again =
             |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
-        let mut profile = again(&residual);
+        let mut profile = again(&place.residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
-        let mut columns = Vec::new();
-        // The fit's own sensitivities, while the values have moved by less than the fit's tolerance: another
-        // noise model does not change them.
-        let mut kept: Option<Vec<Vec<f64>>> = None;
-        let mut damping = 1e-4;
+        let descent = Descent::new(self, slots, inner);
         // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
         // model are orthogonal to the residual: each further round has its own.
         let mut exact: Option<Vec<Column>> = None;
         for round in 0..outer {
             if round > 0 && initial.is_some() {
-                let vehicle = self.vehicle(&values)?;
-                let own = self.free_run.initial_columns(&vehicle, &values[..self.states()], &predicted)?;
-                exact = Some(own.into_iter().map(Arc::new).collect());
+                exact = Some(place.initial_columns(self)?);
             }
-            let mut white = used.whiten(data, &residual);
-            let mut cost = dot(&white, &white);
-            // Given sensitivities are the same in every step: they are whitened once.
-            let given = exact.as_deref().or(initial);
-            let known = given.map(|columns| whitened(&used, data, columns)).map(|w| (products(&w), w));
-            for _ in 0..inner {
-                let (information, right) = match &known {
-                    Some((products, known)) => {
-                        let own =
-                            kept.take().map_or_else(|| self.own_columns(&values, &predicted, &slots), Ok)?;
-                        let normal = bordered(known, products, &whitened(&used, data, &own), &white);
-                        kept = Some(own);
-                        normal
-                    }
-                    None => {
-                        columns = self.columns(&values, &predicted, &slots, None)?;
-                        normal(&whitened(&used, data, &columns), &white)
-                    }
-                };
-                let moved = self.lower((&values, &information, &right), &slots, &mut damping, |predicted| {
-                    let residual = data.residual(predicted);
-                    let white = used.whiten(data, &residual);
-                    let lower = dot(&white, &white);
-                    (lower < cost).then_some((residual, white, lower))
-                });
-                let Some((next, p, (r, w, c))) = moved else { break };
-                let gain = cost - c;
-                (values, predicted, residual, white, cost) = (next, p, r, w, c);
-                damping = (0.1 * damping).max(1e-9);
-                if gain < FIT_TOLERANCE {
-                    break;
-                }
-                kept = None;
-            }
-            let next = again(&residual);
+            place = descent.lowest(place, &used, exact.as_deref().or(initial))?;
+            let next = again(&place.residual);
             let gain = next.log_likelihood - profile.log_likelihood;
             let same = next.noise == used;
             profile = next;
@@ -246,30 +204,9 @@ impl<'r, 'd> Model<'r, 'd> {
                 break;
             }
         }
+        let columns = if initial.is_none() { place.columns() } else { Vec::new() };
+        let Place { values, predicted, residual, .. } = place;
         Ok(Fit { values, predicted, residual, profile, columns })
-    }
-
-    /// The first damped step that `accept` takes: the values, their prediction and the result of `accept`.
-    /// The damping grows with every refused step.
-    fn lower<T>(
-        &self,
-        (values, information, right): (&[f64], &DMatrix<f64>, &DVector<f64>),
-        slots: &[Slot],
-        damping: &mut f64,
-        accept: impl Fn(&[f64]) -> Option<T>,
-    ) -> Option<(Vec<f64>, Vec<f64>, T)> {
-        for _ in 0..MAX_DAMPED_STEPS {
-            let step = damped(information, right, *damping)?;
-            let moved = values.iter().zip(step.iter()).zip(slots);
-            let next: Vec<f64> = moved.map(|((v, d), s)| (*v + d).clamp(s.lower, s.upper)).collect();
-            if let Ok(predicted) = self.predict(&next)
-                && let Some(accepted) = accept(&predicted)
-            {
-                return Some((next, predicted, accepted));
-            }
-            *damping = (*damping * 10.0).max(1e-4);
-        }
-        None
     }
 
     /// Covariance of the values (Cramer-Rao bound), from exact sensitivities at the fit.
@@ -279,49 +216,7 @@ impl<'r, 'd> Model<'r, 'd> {
     pub fn covariance(&self, fit: &Fit) -> Result<DMatrix<f64>, ModelError> {
         let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
         let data = self.free_run.data;
-        let zero = vec![0.0; fit.residual.len()];
-        let (information, _) = normal(&whitened(&fit.profile.noise, data, &columns), &zero);
+        let information = products(&whitened(&fit.profile.noise, data, &columns));
         pseudo_inverse(&information).ok_or(ModelError::NotDetermined)
     }
-}
-
-fn whitened<C: AsRef<Vec<f64>> + Sync>(noise: &Noise, data: &Data, columns: &[C]) -> Vec<Vec<f64>> {
-    columns.par_iter().map(|c| noise.whiten(data, &data.filled(c.as_ref()))).collect()
-}
-
-/// Information matrix and gradient from whitened columns and residual.
-fn normal(columns: &[Vec<f64>], white: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
-    (products(columns), DVector::from_vec(dots(columns, white)))
-}
-
-/// Information matrix and gradient, when the products of the first columns are known.
-fn bordered(
-    known: &[Vec<f64>],
-    known_products: &DMatrix<f64>,
-    own: &[Vec<f64>],
-    white: &[f64],
-) -> (DMatrix<f64>, DVector<f64>) {
-    let (k, n) = (known.len(), known.len() + own.len());
-    let mut information = DMatrix::zeros(n, n);
-    information.view_mut((0, 0), (k, k)).copy_from(known_products);
-    information.view_mut((k, k), (n - k, n - k)).copy_from(&products(own));
-    for rows in blocks(white.len()) {
-        for (i, a) in own.iter().enumerate() {
-            for (j, b) in known.iter().enumerate() {
-                information[(k + i, j)] += dot(&a[rows.clone()], &b[rows.clone()]);
-            }
-        }
-    }
-    information.fill_upper_triangle_with_lower_triangle();
-    let gradient = dots(known, white).into_iter().chain(dots(own, white));
-    (information, DVector::from_iterator(n, gradient))
-}
-
-/// A Levenberg-Marquardt step; directions that the data do not determine stay at zero.
-fn damped(information: &DMatrix<f64>, right: &DVector<f64>, damping: f64) -> Option<DVector<f64>> {
-    let mut damped = information.clone();
-    for i in 0..damped.nrows() {
-        damped[(i, i)] *= 1.0 + damping;
-    }
-    Some(pseudo_inverse(&damped)? * right)
 }

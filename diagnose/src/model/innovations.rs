@@ -1,10 +1,6 @@
-//! Likelihood of a residual as turbulence on one state beside noise of the channels, by the innovations of a
-//! Kalman filter.
-//!
-//! Exact where Whittle's approximation is not: when the motion is far above the noise, leakage between
-//! frequencies would mask the noise.
+//! Kalman filter of a residual that is turbulence on one state beside noise of the channels.
 
-use crate::thresholds::{MAX_AR_ORDER, MAX_TRANSIENT_STEPS, SETTLED_GAIN_CHANGE};
+use crate::thresholds::{MAX_TRANSIENT_STEPS, SETTLED_GAIN_CHANGE};
 use nalgebra::{DMatrix, DVector};
 use whirlstand_vehicle::{Vehicle, discretise};
 
@@ -29,14 +25,19 @@ impl Noises {
     }
 
     /// True for a parameter that is fitted; correlations of zero stay zero.
-    pub(super) fn is_open(&self, value: usize) -> bool {
+    fn is_open(&self, value: usize) -> bool {
         let from = 2 + self.own.len();
         value < from || self.partial[(value - from) / 2][(value - from) % 2] != 0.0
     }
 
+    /// Indices of the fitted parameters.
+    pub(super) fn open(&self) -> impl Iterator<Item = usize> {
+        (0..self.count()).filter(|i| self.is_open(*i))
+    }
+
     /// Number of fitted parameters.
     pub fn parameters(&self) -> usize {
-        (0..self.count()).filter(|i| self.is_open(*i)).count()
+        self.open().count()
     }
 
     /// All parameters moved by a step: logarithms, then the inverse hyperbolic tangents of the correlations.
@@ -61,7 +62,7 @@ pub fn coefficients(partial: [f64; 2]) -> [f64; 2] {
 
 /// Kalman filter for one set of noises: states of the vehicle, the turbulence, and two states for each
 /// channel with coloured noise.
-struct Filter {
+pub(super) struct Filter {
     f: DMatrix<f64>,
     f_transposed: DMatrix<f64>,
     q: DMatrix<f64>,
@@ -74,23 +75,23 @@ struct Filter {
 
 /// Gain, inverse of the lower factor of the innovations' covariance, logarithm of its determinant.
 #[derive(Debug, Clone, PartialEq)]
-struct Update {
+pub(super) struct Update {
     gain: DMatrix<f64>,
-    inverse_factor: DMatrix<f64>,
+    pub inverse_factor: DMatrix<f64>,
     log_det: f64,
 }
 
 impl Update {
     /// True when gain and innovation covariance agree. The state covariance is not compared: states that no
     /// channel observes grow without bound.
-    fn is_near(&self, other: &Self) -> bool {
+    pub fn is_near(&self, other: &Self) -> bool {
         let pairs = self.gain.iter().zip(&other.gain);
         pairs.fold(0.0f64, |m, (a, b)| m.max((a - b).abs())) < SETTLED_GAIN_CHANGE * other.gain.amax()
     }
 }
 
 impl Filter {
-    fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
+    pub fn new(data: &Data, vehicle: &Vehicle, state: usize, noises: &Noises) -> Option<Self> {
         let (n, p) = (vehicle.states.len(), data.channels.len());
         let coloured: Vec<usize> = (0..p).filter(|c| noises.partial[*c] != [0.0; 2]).collect();
         let order = n + 1 + 2 * coloured.len();
@@ -128,7 +129,13 @@ impl Filter {
         Some(Self { f, f_transposed, q, h, h_transposed, r, turbulence: (n, std * std) })
     }
 
-    fn start(&self, open: f64) -> DMatrix<f64> {
+    /// Number of states.
+    pub fn order(&self) -> usize {
+        self.f.nrows()
+    }
+
+    /// Covariance at the start: `open` is the standard deviation of the vehicle's initial state.
+    pub fn start(&self, open: f64) -> DMatrix<f64> {
         let mut covariance = self.q.clone();
         let (turbulence, variance) = self.turbulence;
         covariance[(turbulence, turbulence)] = variance;
@@ -137,7 +144,7 @@ impl Filter {
     }
 
     /// Matrix from states and samples to the next states and the normalised innovations.
-    fn step(&self, update: &Update) -> DMatrix<f64> {
+    pub fn step(&self, update: &Update) -> DMatrix<f64> {
         let ((p, n), gain, factor) = (self.h.shape(), &update.gain, &update.inverse_factor);
         let mut step = DMatrix::zeros(n + p, n + p);
         step.view_mut((0, 0), (n, n)).copy_from(&(&self.f - gain * &self.h));
@@ -148,7 +155,7 @@ impl Filter {
     }
 
     /// The update for a predicted covariance, which is advanced to the next step.
-    fn update(&self, covariance: &mut DMatrix<f64>) -> Option<Update> {
+    pub fn update(&self, covariance: &mut DMatrix<f64>) -> Option<Update> {
         let crossed = &*covariance * &self.h_transposed;
         let factor = (&self.h * &crossed + &self.r).cholesky()?;
         let log_det = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
@@ -202,7 +209,7 @@ impl Whitener {
             }
         }
         let update = last?;
-        let (order, step) = (filter.f.nrows(), filter.step(&update));
+        let (order, step) = (filter.order(), filter.step(&update));
         Some(Self { step, order, log_det: update.log_det, parameters: noises.parameters() })
     }
 
@@ -242,46 +249,4 @@ impl Whitener {
         }
         white
     }
-}
-
-/// Log-likelihood of a residual, without constants, over the rows that every noise model is judged by; all
-/// channels must have one sample per step. `None` when the filter has no finite gain.
-pub fn log_likelihood(
-    data: &Data,
-    vehicle: &Vehicle,
-    state: usize,
-    residual: &[f64],
-    noises: &Noises,
-) -> Option<f64> {
-    let filter = Filter::new(data, vehicle, state, noises)?;
-    let p = data.channels.len();
-    // The initial state was fitted without turbulence: the filter estimates it again. The rows that no
-    // likelihood counts let it settle.
-    let mut covariance = filter.start(100.0 * residual.iter().fold(0.0f64, |m, r| m.max(r.abs())));
-    let ranges = data.ranges();
-    let rows = ranges.iter().map(|r| r.len()).min()?;
-    let order = filter.f.nrows();
-    let mut now = DVector::zeros(order + p);
-    let mut next = now.clone();
-    let mut update = filter.update(&mut covariance)?;
-    let mut step = filter.step(&update);
-    let (mut sum, mut settled) = (0.0, false);
-    for k in 0..rows {
-        for (c, range) in ranges.iter().enumerate() {
-            now[order + c] = residual[range.start + k];
-        }
-        next.gemv(1.0, &step, &now, 0.0);
-        if k >= MAX_AR_ORDER && data.channels.iter().all(|c| c.good[k]) {
-            let square: f64 = next.rows(order, p).norm_squared();
-            sum -= 0.5 * (update.log_det + square);
-        }
-        std::mem::swap(&mut now, &mut next);
-        if k < MAX_TRANSIENT_STEPS && !settled {
-            let next = filter.update(&mut covariance)?;
-            settled = update.is_near(&next);
-            update = next;
-            step = filter.step(&update);
-        }
-    }
-    sum.is_finite().then_some(sum)
 }

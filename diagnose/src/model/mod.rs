@@ -4,6 +4,8 @@ pub mod channel_noise;
 pub mod climb;
 pub mod columns;
 pub mod commands;
+mod descent;
+pub mod driven;
 pub mod fit;
 pub mod forced_response;
 pub mod free_run;

@@ -12,9 +12,10 @@ use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::Data;
-use crate::model::climb::{bandwidths_hz, climb};
+use crate::model::climb::{Top, bandwidths_hz, climb};
+use crate::model::driven::Driven;
 use crate::model::fit::Model;
-use crate::model::innovations::{Noises, Whitener, log_likelihood};
+use crate::model::innovations::{Noises, Whitener};
 use crate::model::noise::{Noise, Profile};
 use crate::model::whittle::{C, Shaped, cross, responses, whittle};
 
@@ -147,29 +148,29 @@ fn refined(
     }
     let alone = profile.bic(0);
     let rows = (profile.rows as f64).ln();
-    let mut exact: Vec<(usize, Noises, [f64; 3], f64)> = fits
+    let mut exact: Vec<(usize, Top, f64)> = fits
         .par_iter()
         .take(TURBULENCE_STATES_REFINED)
         .enumerate()
         .filter_map(|(rank, (state, shaped, whittle))| {
-            let starts =
-                starts((data, residual), (vehicle, *state), profile, shaped, (*whittle > 0.0, rank == 0));
-            let tops = starts.into_iter().filter(|n| far || promises(data, vehicle, *state, residual, n));
+            let driven = Driven { data, vehicle, state: *state, residual };
+            let starts = starts(driven, profile, shaped, (*whittle > 0.0, rank == 0));
+            let tops = starts.into_iter().filter(|noises| far || promises(driven, noises));
             let tops = tops.filter_map(|noises| {
                 let wanted = 0.5 * (noises.parameters() as f64 * rows + MIN_TURBULENCE_BIC - alone);
-                let (noises, likelihood, errors) = climb(data, vehicle, *state, residual, noises, wanted)?;
-                let bic = -2.0 * likelihood + noises.parameters() as f64 * rows;
-                Some((*state, noises, errors, alone - bic))
+                let top = climb(driven, noises, wanted)?;
+                let bic = -2.0 * top.likelihood + top.noises.parameters() as f64 * rows;
+                Some((*state, top, alone - bic))
             });
-            tops.max_by(|a, b| a.3.total_cmp(&b.3))
+            tops.max_by(|a, b| a.2.total_cmp(&b.2))
         })
         .collect();
-    exact.sort_by(|a, b| b.3.total_cmp(&a.3));
-    let others = exact.iter().skip(1).map(|f| (f.0, f.3)).collect();
+    exact.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let others = exact.iter().skip(1).map(|f| (f.0, f.2)).collect();
     if exact.is_empty() {
         return None;
     }
-    let (state, noises, errors, delta_bic) = exact.swap_remove(0);
+    let (state, Top { noises, errors, .. }, delta_bic) = exact.swap_remove(0);
     Some(Turbulence {
         state,
         std: (noises.common[0].exp(), errors[0]),
@@ -182,11 +183,11 @@ fn refined(
 }
 
 /// True when turbulence of some size beside the given noise is more likely than none.
-fn promises(data: &Data, vehicle: &Vehicle, state: usize, residual: &[f64], noises: &Noises) -> bool {
+fn promises(driven: Driven<'_>, noises: &Noises) -> bool {
     let at = |share: f64| {
         let mut sized = noises.clone();
         sized.common[0] += share.ln();
-        log_likelihood(data, vehicle, state, residual, &sized).unwrap_or(f64::NEG_INFINITY)
+        driven.log_likelihood(&sized).unwrap_or(f64::NEG_INFINITY)
     };
     let [sizes @ .., none] = TURBULENCE_SIZE_SHARES.map(at);
     sizes.into_iter().fold(f64::NEG_INFINITY, f64::max) > none + CLIMB_PROMISE
@@ -197,12 +198,12 @@ fn promises(data: &Data, vehicle: &Vehicle, state: usize, residual: &[f64], nois
 /// declared noise, white, of first order or resonant, and the most likely ones are followed, each with its
 /// most likely size and bandwidth.
 fn starts(
-    (data, residual): (&Data, &[f64]),
-    (vehicle, state): (&Vehicle, usize),
+    driven: Driven<'_>,
     profile: &Profile,
     shaped: &Shaped,
     (trusted, best): (bool, bool),
 ) -> Vec<Noises> {
+    let Driven { data, vehicle, .. } = driven;
     let p = data.channels.len();
     let values = if trusted { &shaped.values } else { &shaped.first };
     let common = [values[0], values[1].max(-4.6)];
@@ -232,28 +233,27 @@ fn starts(
         .collect::<Vec<_>>()
         .into_par_iter()
         .map(|noises| {
-            let likelihood = log_likelihood(data, vehicle, state, residual, &noises);
+            let likelihood = driven.log_likelihood(&noises);
             (likelihood.unwrap_or(f64::NEG_INFINITY), noises)
         })
         .collect();
     starts.sort_by(|a, b| b.0.total_cmp(&a.0));
     starts.truncate(STARTS_CLIMBED);
-    starts.into_iter().map(|(_, noises)| likeliest((data, residual), (vehicle, state), &noises)).collect()
+    starts.into_iter().map(|(_, noises)| likeliest(driven, &noises)).collect()
 }
 
 /// The most likely bandwidth and size beside the given noise of the channels; unchanged when none is more
 /// likely. The density at high frequencies is kept where the bandwidth changes.
-fn likeliest((data, residual): (&Data, &[f64]), (vehicle, state): (&Vehicle, usize), own: &Noises) -> Noises {
+fn likeliest(driven: Driven<'_>, own: &Noises) -> Noises {
     let [size, bandwidth] = own.common;
-    let (lowest, highest) = bandwidths_hz(data);
+    let (lowest, highest) = bandwidths_hz(driven.data);
     let share = |i: usize| (i as f64 + 0.5) / BANDWIDTH_STARTS as f64;
     let bandwidths = (0..BANDWIDTH_STARTS).map(|i| lowest * (highest / lowest).powf(share(i)));
     let tried = bandwidths
         .flat_map(|b| SIZE_STARTS.map(|share| [size + share.ln() + 0.5 * (bandwidth - b.ln()), b.ln()]));
     let mut all: Vec<Noises> = tried.map(|common| Noises { common, ..own.clone() }).collect();
     all.push(own.clone());
-    let likelihood =
-        |n: &Noises| log_likelihood(data, vehicle, state, residual, n).unwrap_or(f64::NEG_INFINITY);
+    let likelihood = |noises: &Noises| driven.log_likelihood(noises).unwrap_or(f64::NEG_INFINITY);
     let values: Vec<f64> = all.par_iter().map(likelihood).collect();
     let best = values.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
     all.swap_remove(best)

@@ -50,11 +50,13 @@ pub struct Limits {
     pub gain: f64,
     /// Number of increasingly damped steps tried from one point.
     pub trials: usize,
+    /// Damping of the first step, relative to the diagonal of the information matrix.
+    pub damping: f64,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { iterations: 100, tolerance: 1e-3, gain: 0.0, trials: 30 }
+        Self { iterations: 100, tolerance: 1e-3, gain: 0.0, trials: 30, damping: 1e-3 }
     }
 }
 
@@ -78,7 +80,7 @@ pub fn search<P: Point>(
 ) -> (P, Outcome) {
     let mut point = start;
     let mut outcome = Outcome { iterations: 0, evaluations: 0, converged: false };
-    let (mut damping, mut growth) = (1e-3, 2.0);
+    let (mut damping, mut growth) = (limits.damping, 2.0);
     while outcome.iterations < limits.iterations {
         outcome.iterations += 1;
         if observe(outcome.iterations, point.cost()).is_break() {
@@ -89,7 +91,9 @@ pub fn search<P: Point>(
         // Predicted distance of the minimum: the first step of a round, without its damping.
         let mut ahead = f64::INFINITY;
         for _ in 0..limits.trials {
-            let Some((position, step)) = step(point.position(), &slopes, bounds, damping) else { break };
+            let Some((position, step)) = step(point.position(), &slopes, bounds, damping) else {
+                break;
+            };
             let curved = &slopes.information * &step;
             let length = step.dot(&curved).max(0.0).sqrt();
             ahead = ahead.min(length * (1.0 + damping));

@@ -8,8 +8,10 @@
 //!
 //! A test that fails while the machine's processors were given to others is repeated, see [`undisturbed`].
 //!
-//! A test program gets its `main` from [`tests!`](crate::tests), or calls [`run`] from its own `main`, which may first
-//! check whether the process was started as a child of a test. Every option of the standard harness works.
+//! A test program gets its `main` from [`tests!`](crate::tests), or from [`suites!`](crate::suites) for modules of which
+//! each [lists](crate::listed) its tests: programs that are started anew for every file take longer to link, and the
+//! processors idle at the end of each. Or it calls [`run`] from a `main` of its own, which may first check whether the
+//! process was started as a child of a test. Every option of the standard harness works.
 
 mod betaflight;
 mod noise;
@@ -39,6 +41,13 @@ impl Test {
     /// A test that returns nothing or an [`Outcome`].
     pub fn new<R: IntoOutcome>(name: &str, body: impl Fn() -> R + Send + 'static) -> Self {
         Self { name: name.replace(' ', ""), body: Box::new(move || body().into_outcome()) }
+    }
+
+    /// This test, named after the module in which it is.
+    #[must_use]
+    pub fn of(mut self, module: &str) -> Self {
+        self.name = format!("{module}::{}", self.name);
+        self
     }
 }
 
@@ -106,12 +115,24 @@ macro_rules! tests {
     };
 }
 
-/// As [`tests!`](crate::tests), for tests that mostly wait: see [`run_waiting`].
+/// The tests of a module, for [`suites!`](crate::suites).
 #[macro_export]
-macro_rules! waiting_tests {
+macro_rules! listed {
     ($($test:path),+ $(,)?) => {
+        pub fn tests() -> Vec<$crate::Test> {
+            vec![$($crate::Test::new(stringify!($test), $test)),+]
+        }
+    };
+}
+
+/// The `main` of a test program: the modules whose tests start in this order, by [`run`] or [`run_waiting`].
+#[macro_export]
+macro_rules! suites {
+    ($run:path: $($module:ident),+ $(,)?) => {
         fn main() -> ::std::process::ExitCode {
-            $crate::run_waiting(vec![$($crate::Test::new(stringify!($test), $test)),+])
+            let mut tests = Vec::new();
+            $(tests.extend($module::tests().into_iter().map(|test| test.of(stringify!($module))));)+
+            $run(tests)
         }
     };
 }

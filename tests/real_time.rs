@@ -1,0 +1,49 @@
+//! Whole-process tests that wait for most of their time, for flights in real time and time limits to end. Twice as many
+//! run at a time as there are processors.
+
+mod autopilot_faults;
+mod autopilots;
+mod betaflight;
+mod bridge_check;
+mod bridge_crsf;
+mod bridge_peers;
+mod bridge_restart;
+mod bridge_verdict;
+mod foxglove;
+mod hosts;
+mod interop;
+mod live;
+mod live_stick;
+mod log_segments;
+mod mirror_bridged;
+mod pages;
+mod px4_station;
+mod residue;
+mod supervisor;
+mod support;
+mod verdict;
+
+// The longest first, so that none is left to run alone at the end.
+whirlstand_test_harness::suites!(
+    whirlstand_test_harness::run_waiting:
+    mirror_bridged,
+    betaflight,
+    autopilots,
+    px4_station,
+    bridge_crsf,
+    residue,
+    autopilot_faults,
+    bridge_verdict,
+    bridge_check,
+    live,
+    live_stick,
+    pages,
+    bridge_peers,
+    supervisor,
+    verdict,
+    interop,
+    hosts,
+    log_segments,
+    bridge_restart,
+    foxglove,
+);
