@@ -9,7 +9,8 @@ use whirlstand_ident::identify::search::{Derivatives, Point, search};
 use crate::data::record::Data;
 use crate::model::driven::Driven;
 use crate::model::innovations::Noises;
-use crate::thresholds::{CLIMB_LIMITS, CLIMB_OPTIMISM};
+use crate::thresholds::{CLIMB_LIMITS, CLIMB_OPTIMISM, ROUNDING};
+use whirlstand_logs::stats::rms;
 
 /// Mean and standard deviation of the prior of a bandwidth's logarithm: any bandwidth that the record can show, from
 /// one period in the whole record to half the sampling rate, is within two standard deviations.
@@ -92,7 +93,7 @@ impl Point for Place<'_> {
 /// `wanted` ends early.
 pub fn climb(driven: Driven<'_>, noises: Noises, wanted: f64) -> Option<Top> {
     let position = vec![0.0; noises.parameters()];
-    let bounds = vec![(f64::NEG_INFINITY, f64::INFINITY); position.len()];
+    let bounds = bounds(driven, &noises);
     let start = Place::new(driven, noises, position, wanted)?;
     let (top, _) = search(
         start,
@@ -106,6 +107,17 @@ pub fn climb(driven: Driven<'_>, noises: Noises, wanted: f64) -> Option<Top> {
         None => top.slopes()?.information,
     };
     Some(Top { errors: errors(&information)?, noises: top.noises, likelihood: top.likelihood })
+}
+
+/// Ranges of the distances from `noises`. Turbulence may explain all of one channel, whose noise then has no most likely
+/// size: it ends where it is lost in the rounding of the residual.
+fn bounds(Driven { data, residual, .. }: Driven<'_>, noises: &Noises) -> Vec<(f64, f64)> {
+    let lowest = |c: usize| 0.5 * ROUNDING.ln() + rms(&residual[data.ranges()[c].clone()]).ln();
+    let lower = |i: usize| match noises.own.get(i.wrapping_sub(2)) {
+        Some(own) => (lowest(i - 2) - own).min(0.0),
+        None => f64::NEG_INFINITY,
+    };
+    noises.open().map(|i| (lower(i), f64::INFINITY)).collect()
 }
 
 /// Standard errors of the logarithms of size and bandwidth beside all other parameters, and of their best-determined

@@ -64,7 +64,7 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
     /// The lowest place that is reached from `start` under `noise`. `initial` are sensitivities to the initial state,
     /// the same in every step.
     pub fn lowest(
-        &self,
+        &mut self,
         start: Place,
         noise: &Noise,
         initial: Option<&[Column]>,
@@ -75,7 +75,7 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
         let ground = Ground { descent: self, noise, known };
         let start =
             OnWay { ground: &ground, cost: 0.5 * dot(&white, &white), place: start, white, failure: None };
-        let (lowest, _) = search(
+        let (lowest, outcome) = search(
             start,
             &self.bounds,
             self.limits,
@@ -83,6 +83,8 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
             |_, _| ControlFlow::Continue(()),
         );
         let OnWay { place, failure, .. } = lowest;
+        // Directions that the data hardly determine are descended as the damping falls, from one noise model to the next.
+        self.limits.damping = outcome.damping;
         failure.map_or(Ok(place), Err)
     }
 }

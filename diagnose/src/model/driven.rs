@@ -155,3 +155,81 @@ impl<'a> Run<'a> {
         Some(chunk)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::flown::flown;
+    use whirlstand_vehicle::{Effect, Kind};
+
+    const STD: f64 = 2.0;
+    const BANDWIDTH_HZ: f64 = 0.5;
+    const NOISE: f64 = 0.01;
+
+    fn axis() -> Vehicle {
+        let text = format!(
+            "name = \"axis\"\nA = [[0.0, 1.0], [-4.0, -1.0]]\nB = [[0.0], [3.0]]\nC = [[1.0, 0.0], [0.0, 1.0]]\n\
+             states = [{{ name = \"roll\", unit = \"rad\" }}, {{ name = \"roll_rate\", unit = \"rad/s\" }}]\n\
+             inputs = [{{ name = \"u_roll\", unit = \"\" }}]\n\
+             outputs = [{{ name = \"roll\", unit = \"rad\", noise = {NOISE} }}, \
+             {{ name = \"roll_rate\", unit = \"rad/s\", noise = {NOISE} }}]\n"
+        );
+        Vehicle::parse(&text, "axis.toml").unwrap()
+    }
+
+    /// Passes a residual that turbulence on the roll rate has driven, with its true noises.
+    fn with_residual<T>(seed: u64, ask: impl Fn(Driven<'_>, &Noises) -> T) -> T {
+        let vehicle = axis();
+        let mut shaken = vehicle.clone();
+        let turbulence = [("std", STD), ("bandwidth_hz", BANDWIDTH_HZ)];
+        shaken.add_effect(Effect::new(Kind::Turbulence, "roll_rate", &turbulence).unwrap()).unwrap();
+        let data = flown(&shaken, vec![0.0; 600], seed);
+        let residual: Vec<f64> = data.channels.iter().flat_map(|c| c.values.clone()).collect();
+        let common = [STD.ln(), BANDWIDTH_HZ.ln()];
+        let noises = Noises { common, own: vec![NOISE.ln(); 2], partial: vec![[0.0; 2]; 2] };
+        ask(Driven { data: &data, vehicle: &vehicle, state: 1, residual: &residual }, &noises)
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_likelihood() {
+        with_residual(3, |driven, noises| {
+            let coloured = Noises { partial: vec![[0.4, -0.3], [0.6, 0.0]], ..noises.clone() };
+            let Derivatives { information, right } = driven.derivatives(&coloured).unwrap();
+            for (at, i) in coloured.open().enumerate() {
+                let moved = |by: f64| {
+                    let mut step = vec![0.0; coloured.count()];
+                    step[i] = by;
+                    driven.log_likelihood(&coloured.moved(&step)).unwrap()
+                };
+                let slope = (moved(1e-4) - moved(-1e-4)) / 2e-4;
+                let error = (right[at] - slope).abs();
+                assert!(
+                    error < 0.01 * information[(at, at)].sqrt() + 1e-3 * slope.abs(),
+                    "{i}: {} {slope}",
+                    right[at]
+                );
+            }
+        });
+    }
+
+    /// At the true parameters the score has a mean of zero, and the Fisher information is its covariance.
+    #[test]
+    fn the_information_is_the_covariance_of_the_score() {
+        const SEEDS: u32 = 200;
+        let all: Vec<Derivatives> = (0..SEEDS)
+            .map(|seed| with_residual(u64::from(seed), |driven, noises| driven.derivatives(noises).unwrap()))
+            .collect();
+        let count = all[0].right.len();
+        for i in 0..count {
+            let information = all.iter().map(|d| d.information[(i, i)]).sum::<f64>() / f64::from(SEEDS);
+            let mean = all.iter().map(|d| d.right[i]).sum::<f64>() / f64::from(SEEDS);
+            let square = all.iter().map(|d| d.right[i] * d.right[i]).sum::<f64>() / f64::from(SEEDS);
+            // Four standard errors: of a mean, and of a variance with two hundred values.
+            assert!(
+                mean.abs() < 4.0 * (information / f64::from(SEEDS)).sqrt(),
+                "{i}: mean {mean}, {information}"
+            );
+            assert!((square / information - 1.0).abs() < 0.4, "{i}: {square} {information}");
+        }
+    }
+}

@@ -185,7 +185,7 @@ impl<'r, 'd> Model<'r, 'd> {
             |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
         let mut profile = again(&place.residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
-        let descent = Descent::new(self, slots, inner);
+        let mut descent = Descent::new(self, slots, inner);
         // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
         // model are orthogonal to the residual: each further round has its own.
         let mut exact: Option<Vec<Column>> = None;

@@ -10,7 +10,7 @@ use crate::thresholds::{EXCESS_NOISE_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE};
 use whirlstand_logs::stats::rms;
 
 /// Withdraws causes that are not credible, with their gains in BIC. All are withdrawn where one force that
-/// follows a signal does as well (it is left in `like`) or where they leave more than they explain; else
+/// follows a signal does better (it is left in `like`) or where they leave more than they explain; else
 /// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
 /// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
 /// is sized. Without a test for lack of fit, where the noise is not known, only a force that explains as much as
@@ -45,8 +45,8 @@ pub fn withhold(
     taken
 }
 
-/// One force that follows a signal, where it gains as much as all causes together. Several causes must do
-/// clearly better than one force, and one force clearly better than one cause.
+/// One force that follows a signal, where it gains more than all causes together; against one cause, clearly more: what is
+/// in the table is likelier than what is not.
 fn rival(
     selection: &Selection<'_, '_>,
     without: &Selection<'_, '_>,
@@ -56,7 +56,7 @@ fn rival(
     let data = selection.model.free_run.data;
     let bic = |s: &Selection<'_, '_>| Noise::fit(data, &s.fit.residual).bic(s.model.parameters());
     let own = bic(without) - bic(selection);
-    let lead = if several { -MIN_BIC_GAIN } else { MIN_BIC_GAIN };
+    let lead = if several { 0.0 } else { MIN_BIC_GAIN };
     let rival =
         out_of_library::rival((&without.model, &without.fit), (&selection.model, &selection.fit), space)?;
     (rival.gain > own + lead).then_some(rival)

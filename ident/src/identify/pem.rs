@@ -115,7 +115,7 @@ fn from_starts(
         all.dedup_by(|a, b| a.cost == b.cost);
         all
     };
-    let mut spent = Outcome { iterations: 0, evaluations: starts.len(), converged: false };
+    let mut spent = Outcome { evaluations: starts.len(), ..Outcome::default() };
     let mut best: Option<Evaluation> = None;
     let limits = Limits { iterations: 30, ..Limits::default() };
     for first in evaluated(segments).into_iter().take(3) {
@@ -228,7 +228,7 @@ fn fit_with(
     let mut problem = problem.clone();
     let mut fixed = Vec::new();
     let tried = IdentifyError::UnstableStart { tried: 1 };
-    let mut spent = Outcome { iterations: 0, evaluations: 0, converged: false };
+    let mut spent = Outcome::default();
     let mut noises = Vec::new();
     let mut first = None;
     let mut theta = match &residuals {

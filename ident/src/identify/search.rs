@@ -29,7 +29,7 @@ pub struct Derivatives {
 }
 
 /// Effort and success of a search.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outcome {
     /// Number of steps.
     pub iterations: usize,
@@ -37,6 +37,8 @@ pub struct Outcome {
     pub evaluations: usize,
     /// True when the last step was shorter than the tolerance, and not only because of its damping.
     pub converged: bool,
+    /// Damping of the next step, had there been one.
+    pub damping: f64,
 }
 
 /// Limits of a search.
@@ -79,8 +81,8 @@ pub fn search<P: Point>(
     mut observe: impl FnMut(usize, f64) -> ControlFlow<()>,
 ) -> (P, Outcome) {
     let mut point = start;
-    let mut outcome = Outcome { iterations: 0, evaluations: 0, converged: false };
-    let (mut damping, mut growth) = (limits.damping, 2.0);
+    let mut outcome = Outcome { damping: limits.damping, ..Outcome::default() };
+    let mut growth = 2.0;
     while outcome.iterations < limits.iterations {
         outcome.iterations += 1;
         if observe(outcome.iterations, point.cost()).is_break() {
@@ -91,12 +93,12 @@ pub fn search<P: Point>(
         // Predicted distance of the minimum: the first step of a round, without its damping.
         let mut ahead = f64::INFINITY;
         for _ in 0..limits.trials {
-            let Some((position, step)) = step(point.position(), &slopes, bounds, damping) else {
+            let Some((position, step)) = step(point.position(), &slopes, bounds, outcome.damping) else {
                 break;
             };
             let curved = &slopes.information * &step;
             let length = step.dot(&curved).max(0.0).sqrt();
-            ahead = ahead.min(length * (1.0 + damping));
+            ahead = ahead.min(length * (1.0 + outcome.damping));
             if length < limits.tolerance {
                 // A step that is short only because of its damping is no sign of a minimum.
                 outcome.converged = ahead < NEAR;
@@ -109,8 +111,8 @@ pub fn search<P: Point>(
             {
                 let gain = point.cost() - next.cost();
                 let ratio = gain / predicted.max(1e-300);
-                damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(1.0 / 5.0, 1.0);
-                damping = damping.max(1e-12);
+                let change = (1.0 - (2.0 * ratio - 1.0).powi(3)).clamp(1.0 / 5.0, 1.0);
+                outcome.damping = (outcome.damping * change).max(1e-12);
                 growth = 2.0;
                 point = next;
                 if gain < limits.gain {
@@ -120,7 +122,7 @@ pub fn search<P: Point>(
                 stepped = true;
                 break;
             }
-            damping *= growth;
+            outcome.damping *= growth;
             growth *= 2.0;
             if observe(outcome.iterations, point.cost()).is_break() {
                 break;

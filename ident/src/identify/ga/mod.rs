@@ -127,6 +127,6 @@ pub fn as_fit(problem: &Problem, segments: &[Segment], found: &SearchResult) -> 
         fixed: Vec::new(),
         noise: NoiseFit::Outputs(runs.iter().map(|r| Ar::fit(r, 30)).collect()),
         cost: found.cost,
-        outcome: Outcome { iterations: found.generations, evaluations: 0, converged: found.stagnated },
+        outcome: Outcome { iterations: found.generations, converged: found.stagnated, ..Outcome::default() },
     })
 }

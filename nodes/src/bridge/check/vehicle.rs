@@ -34,6 +34,10 @@ const POLL_PERIOD: Duration = Duration::from_millis(5);
 /// Duration of a channel's movement.
 const PULSE_TIME: Duration = Duration::from_millis(600);
 
+/// Longest movement of a channel, while the vehicle has not reported its channels since: autopilots report them once a
+/// second or more often.
+const LONGEST_PULSE: Duration = Duration::from_secs(2);
+
 /// Smallest change of a channel that must be reported, us.
 const LEAST_CHANGE_US: f64 = 50.0;
 
@@ -302,18 +306,14 @@ impl Check<'_> {
 
     /// The vehicle's channels while one of them is moved.
     fn pushed(&mut self, channel: usize, by_us: f64) -> Option<Vec<f64>> {
-        let end = Instant::now() + PULSE_TIME;
-        let mut newest = None;
-        let _: Option<()> = self.until(PULSE_TIME, |shared| {
+        let begun = Instant::now();
+        self.until(LONGEST_PULSE, |shared| {
             let now = shared.now();
             shared.vehicle.push(channel, by_us, now);
             shared.flush();
-            // Values received in the second half include the movement.
-            if Instant::now() + PULSE_TIME / 2 > end {
-                newest = shared.vehicle.sent_channels(PULSE_TIME / 2, now);
-            }
-            None
-        });
-        newest
+            let held = begun.elapsed();
+            // Values received after half of the pulse include the movement.
+            (held >= PULSE_TIME).then(|| shared.vehicle.sent_channels(held - PULSE_TIME / 2, now))?
+        })
     }
 }
