@@ -1,6 +1,6 @@
 """A stand-in for Betaflight's software-in-the-loop build, strict about pace, layout and arming.
 
-    betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT] [--blocked FLAGS] [--no-switch]
+    betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT] [--blocked FLAGS] [--no-switch] [--deaf]
 
 Its clock runs at the ratio of told to wall time between the last two states, as Betaflight's does; it arms after its boot grace on AUX 1 going
 from low to high at low throttle. `--msp`: tells its attitude there, over TCP, and
@@ -22,10 +22,11 @@ FDM = struct.Struct("<18d")
 RC = struct.Struct("<d16H")
 
 
-def tell(port, attitude, blocked, switch):
+def tell(port, attitude, blocked, switch, deaf):
     """Answers MSP_ATTITUDE, pitch positive nose down and heading 0 to 359 degrees, MSP_STATUS_EX as 2025.12 lays it out, and
     MSP_MODE_RANGES."""
     with socket.create_server(("127.0.0.1", port)) as server:
+        unheard = server.accept() if deaf else None
         while True:
             link, _ = server.accept()
             asked = b""
@@ -61,6 +62,7 @@ def main():
         parser.add_argument(port, type=int)
     parser.add_argument("report")
     parser.add_argument("--msp", type=int)
+    parser.add_argument("--deaf", action="store_true")
     parser.add_argument("--blocked", type=lambda text: int(text, 0), default=0)
     parser.add_argument("--no-switch", action="store_true")
     parser.add_argument("--yaw", type=float, default=0.0, help="demand per yaw rate, s/rad")
@@ -78,7 +80,7 @@ def main():
     rate = 1.0
     began = None
     if args.msp:
-        threading.Thread(target=tell, args=(args.msp, attitude, args.blocked, not args.no_switch), daemon=True).start()
+        threading.Thread(target=tell, args=(args.msp, attitude, args.blocked, not args.no_switch, args.deaf), daemon=True).start()
     armed, seen_low, aux, throttle = False, False, 1000, 1000
     report["rates"] = []
     report["armed_at"] = report["rc"] = None

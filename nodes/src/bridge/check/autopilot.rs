@@ -19,8 +19,9 @@ use whirlstand_bridge::sensors::{Errors, Motion, SensorModel};
 use super::super::hil::constant::constant_sensors;
 use super::super::hil::links::Links;
 use super::super::hil::state::Flight;
-use super::super::link::{Address, BUFFER, Decoder, Link, wait_for_bytes};
+use super::super::link::{Address, BUFFER, Link, wait_for_bytes};
 use super::reaction::{self, Demands};
+use super::telemetry::Telemetry;
 use super::tilt::{self, AXES, RAMP, TILT};
 use super::{CheckOptions, Finding};
 use crate::config::NodeConfig;
@@ -32,6 +33,9 @@ const AGE: Duration = Duration::from_millis(500);
 
 /// Time after a tilt until it is evaluated: settling time of the autopilot's estimator and its telemetry.
 const SETTLE: Duration = Duration::from_millis(1500);
+
+/// Time without any attitude after which the telemetry is connected again.
+const SILENCE: Duration = Duration::from_secs(5);
 
 /// Largest reported attitude of a level vehicle, rad.
 const LEVEL: f64 = 0.1;
@@ -295,7 +299,18 @@ impl Check<'_> {
     /// Waits until the autopilot reports a level attitude; false when it reports none.
     fn wait_for_level(&mut self, options: &CheckOptions, place: &str) -> bool {
         let level = |a: &[f64; 3]| a[0].abs() < LEVEL && a[1].abs() < LEVEL;
-        let settled = self.until(options.timeout, |check| check.attitude().filter(level));
+        let end = Instant::now() + options.timeout;
+        let mut settled = None;
+        while settled.is_none() && Instant::now() < end {
+            let left = end.saturating_duration_since(Instant::now());
+            settled = self.until(SILENCE.min(left), |check| check.attitude().filter(level));
+            // A program that is still starting may accept a connection and never answer it: another one is made.
+            if self.attitude().is_none()
+                && let Some(telemetry) = &mut self.telemetry
+            {
+                *telemetry = Link::new(telemetry.address().clone());
+            }
+        }
         let name = self.name;
         match settled.map_or_else(|| self.attitude().ok_or(()), Ok) {
             Ok(angles) => {
@@ -366,25 +381,5 @@ impl Check<'_> {
             self.flight.forget();
             let _: Option<()> = self.until(Duration::from_millis(200), |_| None);
         }
-    }
-}
-
-/// Decoder of the autopilot's telemetry.
-struct Telemetry<'a> {
-    receiver: &'a mut AttitudeReceiver,
-    now: Duration,
-}
-
-impl Decoder for Telemetry<'_> {
-    fn recognises(&mut self, datagram: &[u8]) -> bool {
-        self.receiver.recognises(datagram, self.now)
-    }
-
-    fn peer_changed(&mut self) {
-        self.receiver.forget();
-    }
-
-    fn decode(&mut self, bytes: &[u8], _is_datagram: bool) -> bool {
-        self.receiver.receive(bytes, self.now)
     }
 }

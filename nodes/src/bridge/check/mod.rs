@@ -4,6 +4,7 @@ mod autopilot;
 mod consent;
 mod reaction;
 mod sticks;
+mod telemetry;
 mod tilt;
 mod vehicle;
 
