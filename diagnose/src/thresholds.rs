@@ -57,14 +57,19 @@ pub(crate) const BEGINNING_S: f64 = 0.1;
 /// Gain of the log-likelihood below which a fit has converged. A hundredth of the standard error of a
 /// log-likelihood ratio of one parameter (Wilks 1938).
 pub(crate) const FIT_TOLERANCE: f64 = 0.02;
-/// Steps tried from one point, each with more damping than the last. Cost.
-pub(crate) const MAX_DAMPED_STEPS: usize = 6;
+/// Steps tried from one point, each with twice the growth of damping of the last: ten take it from 1e-12 to where a step
+/// follows the gradient. Cost.
+pub(crate) const MAX_DAMPED_STEPS: usize = 10;
 /// Limits of the descent of a fit under one noise model, of which the fit sets the number of steps: it ends with a step that
 /// gains less than the tolerance of a fit. The damping is small from the start, because it hides how far away the optimum is in
-/// directions that the data hardly determine; ten steps, each with twice the growth of the last, take it from 1e-12 to where
-/// a step follows the gradient. Cost.
-pub(crate) const DESCENT_LIMITS: Limits =
-    Limits { iterations: 6, tolerance: 1e-3, gain: 0.5 * FIT_TOLERANCE, trials: 10, damping: 1e-4 };
+/// directions that the data hardly determine. Cost.
+pub(crate) const DESCENT_LIMITS: Limits = Limits {
+    iterations: 6,
+    tolerance: 1e-3,
+    gain: 0.5 * FIT_TOLERANCE,
+    trials: MAX_DAMPED_STEPS,
+    damping: 1e-4,
+};
 /// A run that exceeds the largest measured value by this factor has diverged: nonlinear effects far out cost
 /// thousands of steps each. Cost.
 pub(crate) const DIVERGED_RATIO: f64 = 1e3;
