@@ -1,5 +1,5 @@
-//! Whole-process tests that wait for most of their time, for flights in real time and time limits to end. Three times as
-//! many run at a time as there are processors.
+//! Whole-process tests that wait for most of their time, for flights in real time and time limits to end. Twice as many
+//! run at a time as there are processors.
 
 mod autopilot_faults;
 mod autopilots;
@@ -23,18 +23,19 @@ mod supervisor;
 mod support;
 mod verdict;
 
-// The longest first, so that none is left to run alone at the end.
+// The longest first, so that none is left to run alone at the end. Beside the mirror, which compares a vehicle in real time with
+// its simulation, those that wait most.
 whirlstand_test_harness::suites!(
     whirlstand_test_harness::run_waiting:
     mirror_bridged,
-    betaflight,
-    autopilots,
-    px4_station,
-    bridge_crsf,
     residue,
+    bridge_crsf,
+    bridge_check,
     autopilot_faults,
     bridge_verdict,
-    bridge_check,
+    px4_station,
+    autopilots,
+    betaflight,
     live,
     live_stick,
     pages,

@@ -77,12 +77,12 @@ pub fn run(tests: Vec<Test>) -> ExitCode {
     run_with(tests, &Arguments::from_args())
 }
 
-/// Runs tests that wait for most of their time, for a flight in real time or a time limit to end: three times as many at
-/// a time as there are processors, unless the command line says otherwise.
+/// Runs tests that wait for most of their time, for a flight in real time or a time limit to end: twice as many at a time
+/// as there are processors, unless the command line says otherwise.
 pub fn run_waiting(tests: Vec<Test>) -> ExitCode {
     let mut arguments = Arguments::from_args();
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    arguments.test_threads.get_or_insert(3 * processors);
+    arguments.test_threads.get_or_insert(2 * processors);
     run_with(tests, &arguments)
 }
 
