@@ -26,7 +26,8 @@ pub fn withhold(
     let several = selection.model.terms.len() > without.model.terms.len() + 1;
     let chance = |lack: &LackOfFit| lack.one.chance.min(lack.all.chance);
     let asked = several || lack.as_ref().is_some_and(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
-    let rival = if asked && !turbulent { rival(selection, &without, space, several) } else { None };
+    let rival =
+        if asked && !turbulent { rival(selection, &without, space, (several, lack.is_some())) } else { None };
     let believed = match (rival, &lack) {
         (Some(rival), _) => {
             *lack = Some(LackOfFit::or_one(*lack, rival.gain));
@@ -45,18 +46,24 @@ pub fn withhold(
     taken
 }
 
-/// One force that follows a signal, where it gains more than all causes together; against one cause, clearly more: what is
-/// in the table is likelier than what is not.
+/// One force that follows a signal, where it explains as much as all causes together: several causes must do clearly better,
+/// and a single one is preferred to it, because what is in the table is likelier than what is not. Where the noise is not
+/// known, a force must gain more than several causes: orders of noise that are estimated beside each differ, and each costs
+/// nearly as much as the lead.
 fn rival(
     selection: &Selection<'_, '_>,
     without: &Selection<'_, '_>,
     space: &SearchSpace<'_>,
-    several: bool,
+    (several, noise_known): (bool, bool),
 ) -> Option<ForceOnSignal> {
     let data = selection.model.free_run.data;
     let bic = |s: &Selection<'_, '_>| Noise::fit(data, &s.fit.residual).bic(s.model.parameters());
     let own = bic(without) - bic(selection);
-    let lead = if several { 0.0 } else { MIN_BIC_GAIN };
+    let lead = match (several, noise_known) {
+        (true, true) => -MIN_BIC_GAIN,
+        (true, false) => 0.0,
+        (false, _) => MIN_BIC_GAIN,
+    };
     let rival =
         out_of_library::rival((&without.model, &without.fit), (&selection.model, &selection.fit), space)?;
     (rival.gain > own + lead).then_some(rival)
