@@ -24,8 +24,8 @@ pub fn bandwidths_hz(data: &Data) -> (f64, f64) {
     (1.0 / data.duration_s(), 0.5 / data.period_s)
 }
 
-/// Turbulence at its most likely parameters.
-pub struct Top {
+/// Maximum of the likelihood.
+pub struct Maximum {
     /// Turbulence and noise of the channels.
     pub noises: Noises,
     /// Log-likelihood plus logarithm of the prior of the bandwidth.
@@ -35,7 +35,7 @@ pub struct Top {
 }
 
 /// Noises on the way to the maximum.
-struct Place<'a> {
+struct Iterate<'a> {
     driven: Driven<'a>,
     noises: Noises,
     /// Distance from the start in each fitted parameter.
@@ -46,7 +46,7 @@ struct Place<'a> {
     derivatives: Option<Derivatives>,
 }
 
-impl<'a> Place<'a> {
+impl<'a> Iterate<'a> {
     fn new(driven: Driven<'a>, noises: Noises, position: Vec<f64>, wanted: f64) -> Option<Self> {
         let (middle, spread) = prior(driven.data);
         let log_prior = -0.5 * ((noises.common[1] - middle) / spread).powi(2);
@@ -54,7 +54,7 @@ impl<'a> Place<'a> {
         Some(Self { driven, noises, position, likelihood, wanted, derivatives: None })
     }
 
-    /// The place that a step leads to.
+    /// The iterate after a step.
     fn moved(&self, position: &[f64], step: &[f64]) -> Option<Self> {
         let mut all = vec![0.0; self.noises.count()];
         self.noises.open().zip(step).for_each(|(i, step)| all[i] = *step);
@@ -71,7 +71,7 @@ impl<'a> Place<'a> {
     }
 }
 
-impl Point for Place<'_> {
+impl Point for Iterate<'_> {
     fn position(&self) -> &[f64] {
         &self.position
     }
@@ -91,22 +91,22 @@ impl Point for Place<'_> {
 
 /// Climbs from `noises` to the maximum of the likelihood times the prior of the bandwidth; a climb that will not reach
 /// `wanted` ends early.
-pub fn climb(driven: Driven<'_>, noises: Noises, wanted: f64) -> Option<Top> {
+pub fn climb(driven: Driven<'_>, noises: Noises, wanted: f64) -> Option<Maximum> {
     let position = vec![0.0; noises.parameters()];
     let bounds = bounds(driven, &noises);
-    let start = Place::new(driven, noises, position, wanted)?;
-    let (top, _) = search(
+    let start = Iterate::new(driven, noises, position, wanted)?;
+    let (maximum, _) = search(
         start,
         &bounds,
         CLIMB_LIMITS,
-        |place: &Place<'_>, position, step| place.moved(position, step.as_slice()),
+        |iterate: &Iterate<'_>, position, step| iterate.moved(position, step.as_slice()),
         |_, _| ControlFlow::Continue(()),
     );
-    let information = match top.derivatives {
+    let information = match maximum.derivatives {
         Some(ref derivatives) => derivatives.information.clone(),
-        None => top.slopes()?.information,
+        None => maximum.slopes()?.information,
     };
-    Some(Top { errors: errors(&information)?, noises: top.noises, likelihood: top.likelihood })
+    Some(Maximum { errors: errors(&information)?, noises: maximum.noises, likelihood: maximum.likelihood })
 }
 
 /// Ranges of the distances from `noises`. Turbulence may explain all of one channel, whose noise then has no most likely

@@ -15,7 +15,7 @@ use crate::model::noise::Noise;
 use crate::thresholds::{DESCENT_LIMITS, FIT_TOLERANCE};
 
 /// Values of a model with what they predict.
-pub(super) struct Place {
+pub(super) struct Evaluation {
     pub values: Vec<f64>,
     /// Predicted samples.
     pub predicted: Vec<f64>,
@@ -26,7 +26,7 @@ pub(super) struct Place {
     sensitivities: Option<Arc<Vec<Column>>>,
 }
 
-impl Place {
+impl Evaluation {
     pub fn new(model: &Model<'_, '_>, values: Vec<f64>) -> Result<Self, ModelError> {
         let predicted = model.predict(&values)?;
         let residual = model.free_run.data.residual(&predicted);
@@ -61,20 +61,25 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
         Self { model, slots, bounds, limits: Limits { iterations: steps, ..DESCENT_LIMITS } }
     }
 
-    /// The lowest place that is reached from `start` under `noise`. `initial` are sensitivities to the initial state,
-    /// the same in every step.
+    /// The evaluation of the lowest cost that is reached from `start` under `noise`. `initial` are sensitivities to
+    /// the initial state, the same in every step.
     pub fn lowest(
         &mut self,
-        start: Place,
+        start: Evaluation,
         noise: &Noise,
         initial: Option<&[Column]>,
-    ) -> Result<Place, ModelError> {
+    ) -> Result<Evaluation, ModelError> {
         let white = noise.whiten(self.model.free_run.data, &start.residual);
         let known = initial.map(|columns| whitened(noise, self.model.free_run.data, columns));
         let known = known.map(|white| (products(&white), white));
-        let ground = Ground { descent: self, noise, known };
-        let start =
-            OnWay { ground: &ground, cost: 0.5 * dot(&white, &white), place: start, white, failure: None };
+        let objective = Objective { descent: self, noise, known };
+        let start = Iterate {
+            objective: &objective,
+            cost: 0.5 * dot(&white, &white),
+            evaluation: start,
+            white,
+            failure: None,
+        };
         let (lowest, outcome) = search(
             start,
             &self.bounds,
@@ -82,59 +87,59 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
             |from, to, _| from.next(to),
             |_, _| ControlFlow::Continue(()),
         );
-        let OnWay { place, failure, .. } = lowest;
+        let Iterate { evaluation, failure, .. } = lowest;
         // Directions that the data hardly determine are descended as the damping falls, from one noise model to the next.
         self.limits.damping = outcome.damping;
-        failure.map_or(Ok(place), Err)
+        failure.map_or(Ok(evaluation), Err)
     }
 }
 
-/// What stays the same along a descent.
-struct Ground<'g, 'm, 'r, 'd> {
+/// The cost under one noise model.
+struct Objective<'g, 'm, 'r, 'd> {
     descent: &'g Descent<'m, 'r, 'd>,
     noise: &'g Noise,
     /// The given sensitivities, whitened, and their products.
     known: Option<(DMatrix<f64>, Vec<Vec<f64>>)>,
 }
 
-/// A place on the way down.
-struct OnWay<'w, 'g, 'm, 'r, 'd> {
-    ground: &'w Ground<'g, 'm, 'r, 'd>,
-    place: Place,
+/// An iterate.
+struct Iterate<'w, 'g, 'm, 'r, 'd> {
+    objective: &'w Objective<'g, 'm, 'r, 'd>,
+    evaluation: Evaluation,
     /// The whitened residual.
     white: Vec<f64>,
     cost: f64,
     failure: Option<ModelError>,
 }
 
-impl OnWay<'_, '_, '_, '_, '_> {
+impl Iterate<'_, '_, '_, '_, '_> {
     fn next(&self, to: &[f64]) -> Option<Self> {
-        let Ground { descent, noise, .. } = self.ground;
-        let mut place = Place::new(descent.model, to.to_vec()).ok()?;
-        let white = noise.whiten(descent.model.free_run.data, &place.residual);
+        let Objective { descent, noise, .. } = self.objective;
+        let mut evaluation = Evaluation::new(descent.model, to.to_vec()).ok()?;
+        let white = noise.whiten(descent.model.free_run.data, &evaluation.residual);
         let cost = 0.5 * dot(&white, &white);
         if (0.0..0.5 * FIT_TOLERANCE).contains(&(self.cost - cost)) {
-            place.sensitivities.clone_from(&self.place.sensitivities);
+            evaluation.sensitivities.clone_from(&self.evaluation.sensitivities);
         }
-        Some(Self { ground: self.ground, place, white, cost, failure: None })
+        Some(Self { objective: self.objective, evaluation, white, cost, failure: None })
     }
 
     fn sensitivities(&mut self) -> Result<Arc<Vec<Column>>, ModelError> {
-        if let Some(known) = &self.place.sensitivities {
+        if let Some(known) = &self.evaluation.sensitivities {
             return Ok(Arc::clone(known));
         }
-        let Ground { descent: Descent { model, slots, .. }, known, .. } = self.ground;
-        let Place { values, predicted, .. } = &self.place;
+        let Objective { descent: Descent { model, slots, .. }, known, .. } = self.objective;
+        let Evaluation { values, predicted, .. } = &self.evaluation;
         let given = known.is_some().then_some(&[][..]);
         let columns = Arc::new(model.columns(values, predicted, slots, given)?);
-        self.place.sensitivities = Some(Arc::clone(&columns));
+        self.evaluation.sensitivities = Some(Arc::clone(&columns));
         Ok(columns)
     }
 }
 
-impl Point for OnWay<'_, '_, '_, '_, '_> {
+impl Point for Iterate<'_, '_, '_, '_, '_> {
     fn position(&self) -> &[f64] {
-        &self.place.values
+        &self.evaluation.values
     }
 
     fn cost(&self) -> f64 {
@@ -143,8 +148,8 @@ impl Point for OnWay<'_, '_, '_, '_, '_> {
 
     fn derivatives(&mut self) -> Option<Derivatives> {
         let columns = self.sensitivities().map_err(|failure| self.failure = Some(failure)).ok()?;
-        let own = whitened(self.ground.noise, self.ground.descent.model.free_run.data, &columns);
-        Some(match &self.ground.known {
+        let own = whitened(self.objective.noise, self.objective.descent.model.free_run.data, &columns);
+        Some(match &self.objective.known {
             Some((products, known)) => bordered(known, products, &own, &self.white),
             None => {
                 Derivatives { information: products(&own), right: DVector::from_vec(dots(&own, &self.white)) }

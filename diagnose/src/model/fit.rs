@@ -7,7 +7,7 @@ use whirlstand_vehicle::{Effect, Free, Vehicle};
 
 use crate::candidates::library::Candidate;
 use crate::model::columns::{Column, products};
-use crate::model::descent::{Descent, Place, whitened};
+use crate::model::descent::{Descent, Evaluation, whitened};
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
 use whirlstand_ident::identify::normal::pseudo_inverse;
@@ -180,10 +180,10 @@ impl<'r, 'd> Model<'r, 'd> {
         let (outer, inner) = effort.rounds();
         let slots = self.slots();
         let values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
-        let mut place = Place::new(self, values)?;
+        let mut evaluation = Evaluation::new(self, values)?;
         let again =
             |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
-        let mut profile = again(&place.residual);
+        let mut profile = again(&evaluation.residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
         let mut descent = Descent::new(self, slots, inner);
         // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
@@ -191,10 +191,10 @@ impl<'r, 'd> Model<'r, 'd> {
         let mut exact: Option<Vec<Column>> = None;
         for round in 0..outer {
             if round > 0 && initial.is_some() {
-                exact = Some(place.initial_columns(self)?);
+                exact = Some(evaluation.initial_columns(self)?);
             }
-            place = descent.lowest(place, &used, exact.as_deref().or(initial))?;
-            let next = again(&place.residual);
+            evaluation = descent.lowest(evaluation, &used, exact.as_deref().or(initial))?;
+            let next = again(&evaluation.residual);
             let gain = next.log_likelihood - profile.log_likelihood;
             let same = next.noise == used;
             profile = next;
@@ -204,8 +204,8 @@ impl<'r, 'd> Model<'r, 'd> {
                 break;
             }
         }
-        let columns = if initial.is_none() { place.columns() } else { Vec::new() };
-        let Place { values, predicted, residual, .. } = place;
+        let columns = if initial.is_none() { evaluation.columns() } else { Vec::new() };
+        let Evaluation { values, predicted, residual, .. } = evaluation;
         Ok(Fit { values, predicted, residual, profile, columns })
     }
 

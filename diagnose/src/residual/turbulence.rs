@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::Data;
-use crate::model::climb::{Top, bandwidths_hz, climb};
+use crate::model::climb::{Maximum, bandwidths_hz, climb};
 use crate::model::driven::Driven;
 use crate::model::fit::Model;
 use crate::model::innovations::{Noises, Whitener};
@@ -148,21 +148,21 @@ fn refined(
     }
     let alone = profile.bic(0);
     let rows = (profile.rows as f64).ln();
-    let mut exact: Vec<(usize, Top, f64)> = fits
+    let mut exact: Vec<(usize, Maximum, f64)> = fits
         .par_iter()
         .take(TURBULENCE_STATES_REFINED)
         .enumerate()
         .filter_map(|(rank, (state, shaped, whittle))| {
             let driven = Driven { data, vehicle, state: *state, residual };
             let starts = starts(driven, profile, shaped, (*whittle > 0.0, rank == 0));
-            let tops = starts.into_iter().filter(|noises| far || promises(driven, noises));
-            let tops = tops.filter_map(|noises| {
+            let maxima = starts.into_iter().filter(|noises| far || promises(driven, noises));
+            let maxima = maxima.filter_map(|noises| {
                 let wanted = 0.5 * (noises.parameters() as f64 * rows + MIN_TURBULENCE_BIC - alone);
-                let top = climb(driven, noises, wanted)?;
-                let bic = -2.0 * top.likelihood + top.noises.parameters() as f64 * rows;
-                Some((*state, top, alone - bic))
+                let maximum = climb(driven, noises, wanted)?;
+                let bic = -2.0 * maximum.likelihood + maximum.noises.parameters() as f64 * rows;
+                Some((*state, maximum, alone - bic))
             });
-            tops.max_by(|a, b| a.2.total_cmp(&b.2))
+            maxima.max_by(|a, b| a.2.total_cmp(&b.2))
         })
         .collect();
     exact.sort_by(|a, b| b.2.total_cmp(&a.2));
@@ -170,7 +170,7 @@ fn refined(
     if exact.is_empty() {
         return None;
     }
-    let (state, Top { noises, errors, .. }, delta_bic) = exact.swap_remove(0);
+    let (state, Maximum { noises, errors, .. }, delta_bic) = exact.swap_remove(0);
     Some(Turbulence {
         state,
         std: (noises.common[0].exp(), errors[0]),
