@@ -2,15 +2,16 @@
 
 use std::ops::ControlFlow;
 
-use nalgebra::{DMatrix, Matrix2};
+use nalgebra::DMatrix;
 use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_ident::identify::search::{Derivatives, Point, search};
+use whirlstand_linalg::symmetric_eigen;
+use whirlstand_logs::stats::rms;
 
 use crate::data::record::Data;
 use crate::model::driven::Driven;
 use crate::model::innovations::Noises;
 use crate::thresholds::{CLIMB_LIMITS, CLIMB_OPTIMISM, ROUNDING};
-use whirlstand_logs::stats::rms;
 
 /// Mean and standard deviation of the prior of a bandwidth's logarithm: any bandwidth that the record can show, from
 /// one period in the whole record to half the sampling rate, is within two standard deviations.
@@ -123,10 +124,10 @@ fn bounds(Driven { data, residual, .. }: Driven<'_>, noises: &Noises) -> Vec<(f6
 /// Standard errors of the logarithms of size and bandwidth beside all other parameters, and of their best-determined
 /// combination.
 fn errors(information: &DMatrix<f64>) -> Option<[f64; 3]> {
-    let covariance: Matrix2<f64> = pseudo_inverse(information)?.fixed_view::<2, 2>(0, 0).into_owned();
+    let covariance = pseudo_inverse(information)?.view((0, 0), (2, 2)).into_owned();
     // The second parameter moves the size as well: see `Noises::moved`.
-    let turn = Matrix2::new(1.0, -0.5, 0.0, 1.0);
-    let covariance = turn * covariance * turn.transpose();
-    let least = covariance.symmetric_eigenvalues().min();
+    let turn = DMatrix::from_row_slice(2, 2, &[1.0, -0.5, 0.0, 1.0]);
+    let covariance = &turn * covariance * turn.transpose();
+    let least = symmetric_eigen(covariance.clone()).ok()?.0.min();
     Some([covariance[(0, 0)], covariance[(1, 1)], least].map(|variance| variance.max(0.0).sqrt()))
 }

@@ -1,21 +1,77 @@
-//! Descent of a fit to the optimum under a given noise model.
+//! Search of the optimum of a fit: a descent under a given noise model, in turns with the noise model.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_ident::identify::search::{Derivatives, Limits, Point, search};
 
 use crate::data::record::Data;
 use crate::model::columns::{Column, Slot, blocks, dot, dots, products};
-use crate::model::fit::Model;
+use crate::model::fit::{Effort, Fit, Model};
 use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
 use crate::thresholds::{DESCENT_LIMITS, FIT_TOLERANCE};
 
+impl Model<'_, '_> {
+    /// Searches the optimum. The sensitivities of the last step are kept where all of them were computed;
+    /// where those to the initial state were given, there are none.
+    pub(super) fn search(
+        &self,
+        start: Vec<f64>,
+        noise: Option<&Noise>,
+        initial: Option<&[Column]>,
+        effort: Effort,
+    ) -> Result<Fit, ModelError> {
+        let data = self.free_run.data;
+        let (outer, inner) = effort.rounds();
+        let slots = self.slots();
+        let values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
+        let mut evaluation = Evaluation::new(self, values)?;
+        let again =
+            |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
+        let mut profile = again(&evaluation.residual);
+        let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
+        let mut descent = Descent::new(self, slots, inner);
+        // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
+        // model are orthogonal to the residual: each further round has its own.
+        let mut exact: Option<Vec<Column>> = None;
+        for round in 0..outer {
+            if round > 0 && initial.is_some() {
+                exact = Some(evaluation.initial_columns(self)?);
+            }
+            evaluation = descent.lowest(evaluation, &used, exact.as_deref().or(initial))?;
+            let next = again(&evaluation.residual);
+            let gain = next.log_likelihood - profile.log_likelihood;
+            let same = next.noise == used;
+            profile = next;
+            used = profile.noise.clone();
+            let settled = same || gain.abs() < FIT_TOLERANCE;
+            if settled && (initial.is_none() || exact.is_some()) || self.free_run.is_stopped() {
+                break;
+            }
+        }
+        let columns = if initial.is_none() { evaluation.columns() } else { Vec::new() };
+        let Evaluation { values, predicted, residual, .. } = evaluation;
+        Ok(Fit { values, predicted, residual, profile, columns })
+    }
+
+    /// Covariance of the values (Cramer-Rao bound), from exact sensitivities at the fit.
+    ///
+    /// # Errors
+    /// When a sensitivity cannot be simulated, or the information matrix is not finite.
+    pub fn covariance(&self, fit: &Fit) -> Result<DMatrix<f64>, ModelError> {
+        let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
+        let data = self.free_run.data;
+        let information = products(&whitened(&fit.profile.noise, data, &columns));
+        pseudo_inverse(&information).ok_or(ModelError::NotDetermined)
+    }
+}
+
 /// Values of a model with what they predict.
-pub(super) struct Evaluation {
+struct Evaluation {
     pub values: Vec<f64>,
     /// Predicted samples.
     pub predicted: Vec<f64>,
@@ -47,7 +103,7 @@ impl Evaluation {
 }
 
 /// Descents of one model under several noise models, one after the other.
-pub(super) struct Descent<'m, 'r, 'd> {
+struct Descent<'m, 'r, 'd> {
     model: &'m Model<'r, 'd>,
     slots: Vec<Slot>,
     bounds: Vec<(f64, f64)>,
@@ -159,7 +215,7 @@ impl Point for Iterate<'_, '_, '_, '_, '_> {
 }
 
 /// Whitened columns.
-pub(super) fn whitened(noise: &Noise, data: &Data, columns: &[Column]) -> Vec<Vec<f64>> {
+fn whitened(noise: &Noise, data: &Data, columns: &[Column]) -> Vec<Vec<f64>> {
     columns.par_iter().map(|c| noise.whiten(data, &data.filled(c))).collect()
 }
 

@@ -1,16 +1,11 @@
 //! A hypothesis about a record: a vehicle and effects with free parameters, fitted together.
 
-use crate::thresholds::FIT_TOLERANCE;
-
-use nalgebra::DMatrix;
 use whirlstand_vehicle::{Effect, Free, Vehicle};
 
 use crate::candidates::library::Candidate;
-use crate::model::columns::{Column, products};
-use crate::model::descent::{Descent, Evaluation, whitened};
+use crate::model::columns::Column;
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
-use whirlstand_ident::identify::normal::pseudo_inverse;
 
 /// Effort of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,7 +18,7 @@ pub enum Effort {
 
 impl Effort {
     /// How often the noise model is refitted, and the Levenberg-Marquardt steps under each.
-    fn rounds(self) -> (usize, usize) {
+    pub(super) fn rounds(self) -> (usize, usize) {
         match self {
             Effort::Glance => (1, 3),
             Effort::Full => (20, 6),
@@ -165,58 +160,5 @@ impl<'r, 'd> Model<'r, 'd> {
         let residual = self.free_run.data.residual(&predicted);
         let columns = self.columns(&values, &predicted, &self.slots(), Some(initial))?;
         Ok(Fit { values, predicted, residual, profile, columns })
-    }
-
-    /// Searches the optimum. The sensitivities of the last step are kept where all of them were computed;
-    /// where those to the initial state were given, there are none.
-    fn search(
-        &self,
-        start: Vec<f64>,
-        noise: Option<&Noise>,
-        initial: Option<&[Column]>,
-        effort: Effort,
-    ) -> Result<Fit, ModelError> {
-        let data = self.free_run.data;
-        let (outer, inner) = effort.rounds();
-        let slots = self.slots();
-        let values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
-        let mut evaluation = Evaluation::new(self, values)?;
-        let again =
-            |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
-        let mut profile = again(&evaluation.residual);
-        let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
-        let mut descent = Descent::new(self, slots, inner);
-        // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
-        // model are orthogonal to the residual: each further round has its own.
-        let mut exact: Option<Vec<Column>> = None;
-        for round in 0..outer {
-            if round > 0 && initial.is_some() {
-                exact = Some(evaluation.initial_columns(self)?);
-            }
-            evaluation = descent.lowest(evaluation, &used, exact.as_deref().or(initial))?;
-            let next = again(&evaluation.residual);
-            let gain = next.log_likelihood - profile.log_likelihood;
-            let same = next.noise == used;
-            profile = next;
-            used = profile.noise.clone();
-            let settled = same || gain.abs() < FIT_TOLERANCE;
-            if settled && (initial.is_none() || exact.is_some()) || self.free_run.is_stopped() {
-                break;
-            }
-        }
-        let columns = if initial.is_none() { evaluation.columns() } else { Vec::new() };
-        let Evaluation { values, predicted, residual, .. } = evaluation;
-        Ok(Fit { values, predicted, residual, profile, columns })
-    }
-
-    /// Covariance of the values (Cramer-Rao bound), from exact sensitivities at the fit.
-    ///
-    /// # Errors
-    /// When a sensitivity cannot be simulated, or the information matrix is not finite.
-    pub fn covariance(&self, fit: &Fit) -> Result<DMatrix<f64>, ModelError> {
-        let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
-        let data = self.free_run.data;
-        let information = products(&whitened(&fit.profile.noise, data, &columns));
-        pseudo_inverse(&information).ok_or(ModelError::NotDetermined)
     }
 }
