@@ -36,7 +36,7 @@ impl Driven<'_> {
         let mut run = Run::new(*self, noises)?;
         let mut sum = 0.0;
         run.advance(0..self.rows(), |white, update| {
-            sum += log_diagonal(update).sum::<f64>() - 0.5 * white.iter().map(|v| v * v).sum::<f64>();
+            sum -= 0.5 * (update.log_det + white.iter().map(|v| v * v).sum::<f64>());
         })?;
         sum.is_finite().then_some(sum)
     }

@@ -78,7 +78,7 @@ pub(super) struct Filter {
 pub(super) struct Update {
     gain: DMatrix<f64>,
     pub inverse_factor: DMatrix<f64>,
-    log_det: f64,
+    pub log_det: f64,
 }
 
 impl Update {
