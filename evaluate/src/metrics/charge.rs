@@ -5,13 +5,12 @@ use whirlstand_msgs::{Autopilot, Sent, charge};
 /// What a fault of an [`Autopilot`] message means that is not armed.
 const NOT_ARMED: u32 = 3;
 
-/// Steps of a run behind a bridge, from the first one in which the controller or the pilot was in charge, or the
-/// autopilot was armed.
+/// Steps of a run behind a bridge, from the first one that was not disarmed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ChargeSteps {
     /// Number of all reported steps.
     told: u64,
-    /// Number of steps from the first armed one on.
+    /// Number of steps from the first one that was not disarmed on: the controller, the pilot or failsafe was in charge.
     flown: u64,
     disarmed: u64,
     pilot: u64,
@@ -60,11 +59,14 @@ impl ChargeSteps {
         self.flown
     }
 
-    /// Shares of the steps from the first armed one on that were disarmed, and in the pilot's hands. A run in which nobody ever
-    /// armed was disarmed as a whole. `None` when no step was reported.
+    /// Shares of the counted steps that were disarmed, and in the pilot's hands. A run in which neither the controller nor the
+    /// pilot was ever in charge, and which was disarmed at any time, was disarmed as a whole: what came late at times does
+    /// not arm it. `None` when no step was reported.
     pub fn shares(&self) -> Option<(f64, f64)> {
         let share = |steps: u64| steps as f64 / self.flown.max(1) as f64;
-        let disarmed = if self.flown == 0 { 1.0 } else { share(self.disarmed) };
+        let in_charge = self.flown - self.disarmed - self.failsafe;
+        let disarmed_ever = self.told > self.flown || self.disarmed > 0;
+        let disarmed = if in_charge == 0 && disarmed_ever { 1.0 } else { share(self.disarmed) };
         (self.told > 0).then(|| (disarmed, share(self.pilot)))
     }
 }
@@ -87,6 +89,9 @@ mod tests {
         assert_eq!(shares(&[N, N, N]), (1.0, 0.0, 0, 0));
         assert_eq!(shares(&[N, N, C, C]), (0.0, 0.0, 0, 0));
         assert_eq!(shares(&[N, C, N, P, F, C, C, F]), (1.0 / 7.0, 1.0 / 7.0, 2, 1));
+        assert_eq!(shares(&[F, N, N]), (1.0, 0.0, 1, 0), "one late message is no flight");
+        assert_eq!(shares(&[N, N, F]), (1.0, 0.0, 1, 1));
+        assert_eq!(shares(&[F, F]), (0.0, 0.0, 2, 2), "nobody said that it was not armed");
         let mut steps = ChargeSteps::default();
         for fault in [3, 0, 0, 3] {
             steps.take_autopilot(&Autopilot { fault, ..whirlstand_msgs::Message::zeroed() });
