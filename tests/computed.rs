@@ -1,5 +1,5 @@
-//! Whole-process tests that keep the processors busy: records, campaigns, benches in lockstep. As many run at a time as
-//! there are processors.
+//! Whole-process tests that keep the processors busy: records, campaigns, benches in lockstep. One more runs at a
+//! time than there are processors.
 
 mod any_vehicle;
 mod blind;

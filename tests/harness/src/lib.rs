@@ -19,6 +19,7 @@ mod prerequisite;
 mod undisturbed;
 
 use std::process::ExitCode;
+use std::time::{Duration, Instant};
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
@@ -26,6 +27,9 @@ pub use betaflight::{Betaflight, betaflight_sitl};
 pub use noise::noise;
 pub use prerequisite::{Missing, browser, data, python, python_with};
 pub use undisturbed::{in_real_time, undisturbed, wait_for_rest};
+
+/// Tests that take longer are told with their time: they decide how long the whole suite takes.
+const LONG: Duration = Duration::from_secs(5);
 
 /// The result of a test: nothing, or the prerequisite that the machine lacks. A failure is a panic, as in any
 /// test.
@@ -72,27 +76,42 @@ impl IntoOutcome for Outcome {
     }
 }
 
-/// Runs the tests that the command line selects, as many at a time as there are processors.
+/// Runs the tests that the command line selects: one more at a time than there are processors, because the processes of a
+/// bench wait for each other for a fifth of their time.
 pub fn run(tests: Vec<Test>) -> ExitCode {
-    run_with(tests, &Arguments::from_args())
+    run_with(tests, processors() + 1)
 }
 
 /// Runs tests that wait for most of their time, for a flight in real time or a time limit to end: twice as many at a time
-/// as there are processors, unless the command line says otherwise.
+/// as there are processors.
 pub fn run_waiting(tests: Vec<Test>) -> ExitCode {
-    let mut arguments = Arguments::from_args();
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    arguments.test_threads.get_or_insert(2 * processors);
-    run_with(tests, &arguments)
+    run_with(tests, 2 * processors())
 }
 
-fn run_with(tests: Vec<Test>, arguments: &Arguments) -> ExitCode {
+fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Runs this many tests at a time, unless the command line says otherwise.
+fn run_with(tests: Vec<Test>, at_a_time: usize) -> ExitCode {
+    let mut arguments = Arguments::from_args();
+    arguments.test_threads.get_or_insert(at_a_time);
     let in_ci = std::env::var_os("CI").is_some_and(|value| !value.is_empty());
     let trials = tests
         .into_iter()
-        .map(|Test { name, body }| Trial::ignorable_test(name, move || judged(undisturbed(body), in_ci)))
+        .map(|Test { name, body }| {
+            Trial::ignorable_test(name.clone(), move || {
+                let begun = Instant::now();
+                let outcome = undisturbed(body);
+                let took = begun.elapsed();
+                if took > LONG {
+                    println!("{name} took {:.0} s", took.as_secs_f64());
+                }
+                judged(outcome, in_ci)
+            })
+        })
         .collect();
-    libtest_mimic::run(arguments, trials).exit_code()
+    libtest_mimic::run(&arguments, trials).exit_code()
 }
 
 fn judged(outcome: Outcome, in_ci: bool) -> Result<Completion, Failed> {
