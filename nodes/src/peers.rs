@@ -50,6 +50,7 @@ pub struct Peers {
     replaced: [bool; Role::ALL.len()],
     listens_to: Vec<Role>,
     due: Instant,
+    settles: NodeState,
     /// Next report; the owner updates its counters before each report.
     pub report: Health,
 }
@@ -72,8 +73,15 @@ impl Peers {
             replaced: [false; Role::ALL.len()],
             listens_to,
             due: Instant::now(),
+            settles: NodeState::Running,
             report,
         })
+    }
+
+    /// These peers, of a node that is not in charge when it has heard from all of them: another arms what it speaks for.
+    #[must_use]
+    pub fn begin_disarmed(self) -> Self {
+        Self { settles: NodeState::Disarmed, ..self }
     }
 
     /// Time of the next report.
@@ -134,10 +142,10 @@ impl Peers {
         });
     }
 
-    /// Changes from `Starting` to `Running` once all peers were heard from. The plant decides for itself.
-    pub fn settle(&mut self) {
+    /// Leaves `Starting` once all peers were heard from. The plant decides for itself.
+    fn settle(&mut self) {
         if self.is_starting() && self.role != Role::Plant && self.all_reported() {
-            self.set_state(NodeState::Running);
+            self.set_state(self.settles);
         }
     }
 
@@ -202,5 +210,26 @@ impl Peers {
 
     fn all_reported(&self) -> bool {
         self.listens_to.iter().all(|&r| self.health(r).is_some())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use whirlstand_bus::{BusConfig, Transport};
+
+    use super::*;
+
+    /// Whoever counts the steps of a bench by these reports takes the first one at its word.
+    #[test]
+    fn the_first_report_of_a_bridge_is_not_that_it_is_in_charge() {
+        let bus = Bus::open(&BusConfig::new("first-report", "controller", Transport::Inproc)).unwrap();
+        let first = |mut peers: Peers| {
+            peers.turn(Instant::now()).unwrap();
+            assert!(peers.due() > Instant::now(), "it was published");
+            NodeState::from_u32(peers.report.state)
+        };
+        let peers = || Peers::open(&bus, Role::Controller, vec![]).unwrap();
+        assert_eq!(first(peers()), Some(NodeState::Running));
+        assert_eq!(first(peers().begin_disarmed()), Some(NodeState::Disarmed));
     }
 }

@@ -131,7 +131,7 @@ impl Hil {
             sensed: None,
             standing,
             setpoints: bus.publisher()?,
-            peers: Peers::open(bus, Role::Controller, vec![])?,
+            peers: Peers::open(bus, Role::Controller, vec![])?.begin_disarmed(),
             autopilot: options.autopilot(config.period_ns),
             name: options.kind.autopilot(),
             links,

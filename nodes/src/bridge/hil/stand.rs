@@ -3,7 +3,6 @@
 use std::time::{Duration, Instant};
 
 use whirlstand_bridge::autopilot::{Begin, Stage};
-use whirlstand_msgs::NodeState;
 
 use super::Hil;
 use crate::clock::Turn;
@@ -42,9 +41,6 @@ impl Hil {
             self.answer(self.at.map_or(0, |at| at.step))?;
         }
         if !ready {
-            if !self.peers.is_starting() {
-                self.peers.set_state(NodeState::Disarmed);
-            }
             let (name, fresh, links) = (self.name, self.flight.is_fresh(self.now()), &self.links);
             if self.waits.tell(now, fresh, self.autopilot.said(), || links.place()) {
                 tracing::warn!(
