@@ -18,11 +18,47 @@ const SETTINGS: [&str; 3] =
 /// One at a time, because Betaflight has fixed ports.
 static ONE: Mutex<()> = Mutex::new(());
 
-/// Starts the program in a folder of its own for its settings.
+/// Address of the port on which Betaflight answers MSP and its command line.
+const PORT: &str = "127.0.0.1:5761";
+
+/// Request for the version of MSP, and the beginning of its answer.
+const ASKED: &[u8] = b"$M<\x00\x01\x01";
+const ANSWERED: &[u8] = b"$M>";
+
+/// Starts the program in a folder of its own for its settings, and again until it answers. About one start in fifty
+/// ends with a port that is bound and never served: the thread that serves its sockets releases those that are closed,
+/// and one that the main thread has made and not yet opened is closed too (`dyad_newStream`, `destroyClosedStreams`).
 fn betaflight(program: &Path, folder: &Path) -> Running {
-    let mut command = Command::new(program);
-    command.current_dir(folder);
-    spawn(command)
+    let until = Instant::now() + HUNG;
+    loop {
+        let mut command = Command::new(program);
+        command.current_dir(folder);
+        let running = spawn(command);
+        if answers(Instant::now() + Duration::from_secs(5)) {
+            return running;
+        }
+        assert!(Instant::now() < until, "Betaflight never answers at {PORT}");
+        eprintln!("Betaflight does not answer at {PORT}, and is started again");
+    }
+}
+
+/// Whether the port answers before `until`. Requests that arrive while the program starts are lost, hence several.
+fn answers(until: Instant) -> bool {
+    let mut link = None;
+    while Instant::now() < until {
+        let Some(stream) = &mut link else {
+            link = TcpStream::connect(PORT).ok();
+            continue;
+        };
+        stream.set_read_timeout(Some(Duration::from_millis(200))).unwrap();
+        let mut heard = [0; ANSWERED.len()];
+        if stream.write_all(ASKED).is_err() {
+            link = None;
+        } else if stream.read_exact(&mut heard).is_ok() {
+            return heard == ANSWERED;
+        }
+    }
+    false
 }
 
 /// Types into Betaflight's command line and reads up to the next prompt, or to the end; whether the prompt came.
@@ -40,7 +76,7 @@ fn set_up(program: &Path, folder: &Path) -> Running {
     let first = betaflight(program, folder);
     let until = Instant::now() + HUNG;
     let mut link = loop {
-        match TcpStream::connect("127.0.0.1:5761") {
+        match TcpStream::connect(PORT) {
             Ok(link) => break link,
             Err(e) => assert!(Instant::now() < until, "no command line: {e}"),
         }

@@ -322,7 +322,7 @@ impl Check<'_> {
             }
             Err(()) => {
                 (self.say)(Finding::Unknown(format!(
-                    "the sensors: {name} does not report its attitude at {place}; give its place with --telemetry"
+                    "the sensors: {name} does not report its attitude at {place}; give its place with --telemetry, or start {name} again"
                 )));
                 false
             }
