@@ -80,6 +80,23 @@ fn a_rate_limit_is_found_on_a_stick_that_never_moves_fast() {
     }
 }
 
+/// A limit that begins beyond the commands of its side does not act, and no step of a fit moves it.
+#[test]
+fn limits_that_lie_unevenly_are_both_found_when_the_stick_does_so_too() {
+    let stick = |t: f64, j: usize| {
+        let f = 0.23 + 0.11 * j as f64;
+        0.5 + 0.8 * (TAU * f * t).sin() + 0.5 * (TAU * 2.3 * f * t + 1.0).sin()
+    };
+    let limits = [("lower", -0.45), ("upper", 1.3)];
+    for seed in 1..=3 {
+        let limited = with(Kind::InputSaturation, "u_pitch", &limits);
+        let record = steered_flight(&limited, 12.0, &[0.0; 4], Some(seed), stick, |x| vec![0.0; x.len()]);
+        let answer = diagnosis(record);
+        names(&answer, "input_saturation", "u_pitch");
+        limits.iter().for_each(|(limit, truth)| holds(&answer, limit, *truth, 0.1));
+    }
+}
+
 #[test]
 fn a_single_spike_is_no_silent_loss() {
     let record = changed(&fly(&quadrotor(), 21), "pitch_rate", |k, v| if k == 1234 { v + 2.0 } else { v });

@@ -96,6 +96,8 @@ impl Candidate {
 pub struct Sizes {
     /// Largest magnitude of each input.
     pub inputs: Vec<f64>,
+    /// Lowest and highest value of each input.
+    pub input_ranges: Vec<(f64, f64)>,
     /// Fastest mean rate of each input over the times of [`crate::thresholds::LIMITED_TIMES_S`].
     pub input_rates: Vec<Vec<f64>>,
     /// Largest magnitude of each state in the free run.
@@ -121,6 +123,7 @@ impl Sizes {
         let (states, outputs) = (vec![1.0; vehicle.states.len()], vec![1.0; vehicle.outputs.len()]);
         Self {
             inputs: vec![1.0; vehicle.inputs.len()],
+            input_ranges: vec![(-1.0, 1.0); vehicle.inputs.len()],
             input_rates: vec![vec![1.0]; vehicle.inputs.len()],
             slopes: states.clone(),
             states,

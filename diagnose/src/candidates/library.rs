@@ -123,18 +123,23 @@ impl Builder<'_> {
         }
     }
 
-    /// Candidates of a saturation: both limits, or only the one that the record reaches.
+    /// Candidates of a saturation: both limits, or only the one that the record reaches. A limit acts only within the range
+    /// that the input covers, which need not lie evenly about zero, and a search does not move one that does not act:
+    /// starts lie on either side of the middle of the range, and two limits start separately.
     fn saturation(&mut self, j: usize, peak: f64) {
         let input = &self.vehicle.inputs[j];
-        let at = [0.95, 0.8, 0.6, 0.4, 0.2];
         let lower = tunable("lower", -peak, peak, 1e-3 * peak);
         let upper = tunable("upper", -peak, peak, 1e-3 * peak);
         let (low, high) = (input.lower.max(-UNBOUNDED), input.upper.min(UNBOUNDED));
-        let both = at.iter().map(|s| vec![-s * peak, s * peak]).collect();
+        let (lowest, highest) = self.sizes.input_ranges[j];
+        let (middle, half) = (0.5 * (lowest + highest), 0.5 * (highest - lowest));
+        let both = [0.9, 0.6, 0.3];
+        let both = both.iter().flat_map(|l| both.map(|u| vec![middle - l * half, middle + u * half]));
+        let both = both.collect();
         self.add(Kind::InputSaturation, &input.name, &[lower, upper], both);
-        let one = |sign: f64| at.iter().map(|s| vec![sign * s * peak]).collect::<Vec<_>>();
-        self.add(Kind::InputSaturation, &input.name, &[upper], one(1.0)).fixed = vec![("lower", low)];
-        self.add(Kind::InputSaturation, &input.name, &[lower], one(-1.0)).fixed = vec![("upper", high)];
+        let one = |half: f64| [0.95, 0.8, 0.6, 0.4, 0.2].map(|s| vec![middle + s * half]).to_vec();
+        self.add(Kind::InputSaturation, &input.name, &[upper], one(half)).fixed = vec![("lower", low)];
+        self.add(Kind::InputSaturation, &input.name, &[lower], one(-half)).fixed = vec![("upper", high)];
     }
 
     fn modes(&mut self, name: &str) {

@@ -139,8 +139,12 @@ fn sizes(free_run: &FreeRun<'_>, fit: &Fit, declared: &[f64]) -> Sizes {
         noise[channel.output] =
             if declared[c] > 0.0 { declared[c] } else { fit.profile.noise.channels[c].variance().sqrt() };
     }
+    let range = |(low, high): (f64, f64), u: f64| (low.min(u), high.max(u));
     Sizes {
         inputs: free_run.input_peaks(),
+        input_ranges: (0..data.m)
+            .map(|j| data.input(j).fold((f64::INFINITY, f64::NEG_INFINITY), range))
+            .collect(),
         input_rates: (0..data.m).map(|j| LIMITED_TIMES_S.map(|t| data.fastest(j, t)).to_vec()).collect(),
         states: states.iter().map(|s| peak(s)).collect(),
         slopes: states.iter().map(slope).collect(),
