@@ -15,7 +15,6 @@ pub mod screen;
 pub mod search;
 pub(crate) mod stages;
 mod thresholds;
-mod vehicle_poles;
 
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;

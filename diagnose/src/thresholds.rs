@@ -20,11 +20,6 @@ pub(crate) use screen::*;
 /// A clock step this many times the usual one is a gap: two samples may be missing and the clock jitter by
 /// half a step. As in `whirlstand_logs`.
 pub(crate) const GAP_STEPS: f64 = whirlstand_logs::LONGEST_BRIDGED;
-/// Share of the fastest time constant for which commands may be unknown: their response meanwhile is at most
-/// that share of the final response.
-pub(crate) const BRIDGED_TIME_CONSTANT_SHARE: f64 = 0.1;
-/// Share of the record for which the commands of an integrating vehicle may be unknown. Calibrated.
-pub(crate) const BRIDGED_RECORD_SHARE: f64 = 0.01;
 /// Fewest steps of a part between two gaps that counts: those that likelihoods leave out, and as many again.
 pub(crate) const MIN_PART_STEPS: usize = 2 * MAX_AR_ORDER;
 /// Fewest steps of a record. Fewer determine no dynamics: about three times the highest order of the noise

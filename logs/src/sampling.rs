@@ -120,12 +120,18 @@ impl Record {
 /// the first time after each. A signal of which fewer than nine in ten intervals are regular consists of events
 /// and has no pauses.
 pub fn pauses(time: &[f64]) -> Vec<(f64, f64)> {
+    let median = median_interval(time).unwrap_or(0.0);
+    gaps(time).into_iter().filter(|(from, to)| to - from > LONGEST_BRIDGED * median).collect()
+}
+
+/// Times in which a regular signal, as of [`pauses`], misses one sample or more.
+pub fn gaps(time: &[f64]) -> Vec<(f64, f64)> {
     let Some(median) = median_interval(time) else { return Vec::new() };
     let intervals = || time.windows(2).map(|t| t[1] - t[0]);
     if 10 * intervals().filter(|dt| *dt <= GAP * median).count() < 9 * intervals().count() {
         return Vec::new();
     }
-    time.windows(2).filter(|t| t[1] - t[0] > LONGEST_BRIDGED * median).map(|t| (t[0], t[1])).collect()
+    time.windows(2).filter(|t| t[1] - t[0] > GAP * median).map(|t| (t[0], t[1])).collect()
 }
 
 /// The parts of a record in which all of `signals` have values and time has no gap, as ranges of its points.

@@ -175,6 +175,12 @@ impl Vehicle {
         eigenvalues(&self.a)
     }
 
+    /// Time constants of the poles, one over the magnitudes of their real parts, s; without those of integrators. Empty
+    /// where the poles cannot be computed.
+    pub fn time_constants_s(&self) -> Vec<f64> {
+        self.poles().iter().flatten().map(|p| 1.0 / p.re.abs()).filter(|t| t.is_finite()).collect()
+    }
+
     /// True when the outputs' noise was estimated from a record in which the vehicle moved. It then describes
     /// sample-to-sample changes and is no upper bound of the sensor's error, unlike that of a data sheet or
     /// of a record at rest.

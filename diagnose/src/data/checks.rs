@@ -1,7 +1,7 @@
 //! Checks of the data themselves, before any cause is searched for.
 
-use crate::data::gaps;
 use crate::thresholds::{GAP_STEPS, MIN_BIC_GAIN, SAME_SIGNAL_FIT, STUCK_SHARE};
+use whirlstand_ident::compare::gaps::bridged_s;
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
@@ -43,7 +43,7 @@ pub fn record(record: &Record, vehicle: &Vehicle) -> Vec<DataFinding> {
         if let Some(longest) = found_gaps.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
             let lost: f64 = found_gaps.iter().map(|g| g.1 - typical).sum();
             let share = lost / record.duration();
-            let bridged = gaps::bridged_s(record, vehicle, typical);
+            let bridged = bridged_s(record, vehicle, typical);
             let cut = found_gaps.iter().filter(|g| g.1 > bridged).count();
             let text = format!(
                 "{} gaps, {:.1} % of the record in total, the longest {:.3} s at {:.3} s; predictions continue through gaps of up to {bridged:.3} s, {}",

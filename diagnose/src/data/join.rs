@@ -2,11 +2,11 @@
 
 use std::borrow::Cow;
 
+use whirlstand_ident::compare::gaps::bridged_s;
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
 use crate::DiagnoseError;
-use crate::data::gaps;
 use crate::data::record::{Channel, Data};
 use crate::thresholds::{MAX_AR_ORDER, MIN_PART_STEPS, MIN_STEPS, SAME_PERIOD_SHARE};
 
@@ -99,7 +99,7 @@ fn unbroken<'r>(record: &'r Record, vehicle: &Vehicle) -> Vec<Cow<'r, Record>> {
     if usual <= 0.0 {
         return vec![Cow::Borrowed(record)];
     }
-    let longest = gaps::bridged_s(record, vehicle, usual);
+    let longest = bridged_s(record, vehicle, usual);
     let gaps = steps.iter().enumerate().filter(|(_, d)| **d > longest).map(|(k, _)| k + 1);
     let mut cuts: Vec<usize> = std::iter::once(0).chain(gaps).collect();
     cuts.push(record.time.len());

@@ -4,7 +4,6 @@ pub mod checks;
 pub mod declared_vibration;
 #[cfg(test)]
 pub mod flown;
-pub mod gaps;
 mod join;
 pub mod limits;
 pub mod outliers;

@@ -10,7 +10,6 @@ use crate::model::noise::Noise;
 use crate::thresholds::{
     HORIZON_RECORD_SHARE, LEAST_HORIZON_STEPS, MEMORY_GROWTH, MEMORY_RECORD_SHARE, SHORTEST_MEMORY_STEPS,
 };
-use crate::vehicle_poles::time_constants_s;
 
 /// A predictor that follows the record, with the likelihood of the vehicle without any cause.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -97,7 +96,7 @@ fn gain_beside(vehicle: &Vehicle, data: &Data, inputs: &[usize], noise: Option<&
 pub fn default_horizon_s(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>) -> f64 {
     let longest = HORIZON_RECORD_SHARE * data.duration_s();
     let least = LEAST_HORIZON_STEPS * data.period_s;
-    let constants = time_constants_s(vehicle).into_iter().filter(|t| *t <= longest);
+    let constants = vehicle.time_constants_s().into_iter().filter(|t| *t <= longest);
     let horizon_s = constants.fold(least, f64::max);
     memory_s.map_or(horizon_s, |memory_s| memory_s.clamp(least, horizon_s))
 }

@@ -7,6 +7,7 @@ use whirlstand_logs::{Clock, Record, SignalError, even_period, median_interval};
 use whirlstand_vehicle::Vehicle;
 
 use super::comparison::{CompareError, CompareOptions};
+use super::gaps::{bridged_s, input_through_gaps};
 
 /// Fewest points of a comparison.
 const LEAST_POINTS: usize = 16;
@@ -30,7 +31,8 @@ pub struct Grid {
     pub period_s: f64,
     /// Time of every point, s of the record's clock.
     pub t: Vec<f64>,
-    /// Inputs, SI: steps x inputs, row after row; the last value is held where the record has none.
+    /// Inputs, SI: steps x inputs, row after row; on a straight line through gaps, and else the last value
+    /// where the record has none.
     pub inputs: Vec<f64>,
     /// Indices of the vehicle's outputs that the record has.
     pub outputs: Vec<usize>,
@@ -77,7 +79,12 @@ pub fn grid(record: &Record, vehicle: &Vehicle, options: &CompareOptions) -> Res
     }
     let own = median_interval(&time).unwrap_or(0.0);
     let clock = clock((&record.origin, &time), even.or(options.period_s).unwrap_or(own), own)?;
-    let columns: Vec<Vec<f64>> = inputs.iter().map(|s| held(&time, &s.values, &clock, 0.0)).collect();
+    let longest = bridged_s(&record, vehicle, own);
+    let columns = inputs.iter().map(|s| {
+        let (time, values) = input_through_gaps(&time, &s.values, longest);
+        held(&time, &values, &clock, 0.0)
+    });
+    let columns: Vec<Vec<f64>> = columns.collect();
     let brought = if clock.period > COARSER * own { averaged } else { interpolated };
     let measured = found.iter().map(|&i| {
         // The signal exists, as the filter above found it.

@@ -2,6 +2,7 @@
 
 mod comparison;
 mod figures;
+pub mod gaps;
 pub mod grid;
 mod simulate;
 mod text;

@@ -85,14 +85,14 @@ impl Regression {
         Some(found)
     }
 
-    /// Regressors at step `known`; `None` where a value is missing.
+    /// Regressors at step `known`; `None` where the newest value or most of the past is missing.
     fn row(&self, s: &Segment, known: usize) -> Option<DVector<f64>> {
         if known + 1 < self.outputs.max(self.inputs) {
             return None;
         }
-        let outputs = (0..self.outputs).map(|i| s.outputs[known - i]);
+        let outputs = past(&s.outputs[..=known], self.outputs)?;
         let inputs = (0..self.inputs).map(|i| s.inputs[known - i]);
-        let row = DVector::from_iterator(self.outputs + self.inputs, outputs.chain(inputs));
+        let row = DVector::from_iterator(self.outputs + self.inputs, outputs.into_iter().chain(inputs));
         row.iter().all(|v| v.is_finite()).then_some(row)
     }
 
@@ -100,6 +100,29 @@ impl Regression {
     pub fn predict(&self, s: &Segment, known: usize) -> Option<DVector<f64>> {
         Some(self.coefficients.tr_mul(&self.row(s, known)?))
     }
+}
+
+/// The last `count` values, the newest first. Missing ones are interpolated between their neighbours, of which none is newer
+/// than the last: a lost sample must not cost all predictions whose past it is part of. `None` where the last value or more
+/// than half of them are missing.
+fn past(values: &[f64], count: usize) -> Option<Vec<f64>> {
+    let mut found: Vec<f64> = Vec::with_capacity(count);
+    let (mut newer, mut missing) = ((0, *values.last()?), 0);
+    for i in 0..count {
+        let value = values[values.len() - 1 - i];
+        if value.is_finite() {
+            newer = (i, value);
+            found.push(value);
+            continue;
+        }
+        missing += 1;
+        let older =
+            (i + 1..values.len()).map(|j| (j, values[values.len() - 1 - j])).find(|(_, v)| v.is_finite());
+        let (j, value) = older.unwrap_or((i + 1, newer.1));
+        let share = (i - newer.0) as f64 / (j - newer.0) as f64;
+        found.push(newer.1 + share * (value - newer.1));
+    }
+    (2 * missing <= count).then_some(found)
 }
 
 /// Start steps of predictions in a segment, two per horizon, after `warm` steps in which a filter settles.
@@ -168,6 +191,17 @@ mod tests {
             starts(&held, 24, 10).into_iter().map(error).collect::<Vec<_>>()
         };
         compare(&errors(0), &errors(12)).unwrap()
+    }
+
+    #[test]
+    fn lost_values_of_the_past_lie_between_their_neighbours() {
+        let nan = f64::NAN;
+        assert_eq!(past(&[9.0, 1.0, nan, nan, 4.0], 4), Some(vec![4.0, 3.0, 2.0, 1.0]));
+        // The neighbour may be older than the past that is asked for.
+        assert_eq!(past(&[0.0, nan, 2.0, 3.0], 3), Some(vec![3.0, 2.0, 1.0]));
+        assert_eq!(past(&[nan, nan, 2.0, 3.0], 3), Some(vec![3.0, 2.0, 2.0]));
+        assert_eq!(past(&[0.0, nan, nan, 3.0], 3), None, "most of it is unknown");
+        assert!(past(&[0.0, 1.0, nan], 2).is_none_or(|p| p.iter().any(|v| v.is_nan())), "the newest is");
     }
 
     #[test]

@@ -90,10 +90,6 @@ pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<C
     all.sort_by_key(|t| t.structure.parameters());
     let figures = all.iter().map(|t| (t.structure, t.rmse)).collect();
     all.retain(effects_show);
-    // A value at its bound is not determined (Self and Liang 1987); without such a structure there is only that.
-    if all.iter().any(within_bounds) {
-        all.retain(within_bounds);
-    }
     Ok(simplest(all).map(|found| (found, figures)))
 }
 
@@ -131,14 +127,16 @@ fn within_bounds(tried: &Tried) -> bool {
     tried.fit.problem.parameters.iter().zip(&tried.fit.theta).all(inside)
 }
 
-/// The simplest of those that predict as well as the best; `all` is sorted from the simplest on.
+/// The simplest of those that predict as well as the best; `all` is sorted from the simplest on. A value at its bound is not
+/// determined (Self and Liang 1987): of structures that predict equally well, those without one come first.
 fn simplest(mut all: Vec<Tried>) -> Option<Tried> {
     let best = all.iter().min_by(|a, b| a.rmse.total_cmp(&b.rmse))?;
     let as_good = |t: &Tried| {
         compare(&t.errors, &best.errors)
             .is_none_or(|c| c.sigmas < BETTER_SIGMAS && c.first < BETTER_SHARE * c.second)
     };
-    let at = all.iter().position(as_good)?;
+    let inside = all.iter().position(|t| as_good(t) && within_bounds(t));
+    let at = inside.or_else(|| all.iter().position(as_good))?;
     Some(all.swap_remove(at))
 }
 
@@ -169,7 +167,8 @@ fn tried(
 }
 
 /// Starts for a structure with one more effect: results of the simpler structure, with short and longer
-/// delays and lags.
+/// delays and lags. None grows: without the lag of its actuators, a vehicle in a closed loop seems to be more unstable than
+/// it is, and a search that begins there stays there.
 fn extended_starts(vehicle: &Vehicle, problem: &Problem, simpler: &Fit) -> Vec<Vec<f64>> {
     let value = |name: &str| {
         let at = simpler.problem.parameters.iter().position(|p| p.name == name)?;
@@ -181,7 +180,9 @@ fn extended_starts(vehicle: &Vehicle, problem: &Problem, simpler: &Fit) -> Vec<V
                 Target::Effect(..) => time_s,
                 Target::Entry(..) => vehicle.free_value(&p.target),
             };
-            value(&p.name).unwrap_or(new).clamp(p.lower, p.upper)
+            let most =
+                if matches!(p.target, Target::Entry(Matrix::A, ..)) { p.upper.min(0.0) } else { p.upper };
+            value(&p.name).unwrap_or(new).clamp(p.lower, most)
         };
         problem.parameters.iter().map(one).collect()
     };

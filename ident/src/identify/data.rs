@@ -4,6 +4,7 @@ use whirlstand_logs::{Record, pauses};
 use whirlstand_vehicle::Vehicle;
 
 use super::IdentifyError;
+use crate::compare::gaps::bridged_s;
 use crate::compare::grid::grid;
 use crate::compare::{CompareError, CompareOptions};
 
@@ -70,8 +71,8 @@ impl Segment {
         })
     }
 
-    /// Extracts a part of a record like [`Segment::new`], cut where the inputs pause for longer than
-    /// [`whirlstand_logs::LONGEST_BRIDGED`], since the inputs across such a gap are unknown. Pieces that are
+    /// Extracts a part of a record like [`Segment::new`], cut where the inputs pause for longer than they can be held
+    /// ([`bridged_s`]): a shorter gap is one of missing measurements, which a filter predicts through. Pieces that are
     /// too short for a fit are left out.
     ///
     /// # Errors
@@ -89,7 +90,8 @@ impl Segment {
             gaps.extend(pauses(&known.map(|(t, _)| *t).collect::<Vec<_>>()));
         }
         let (from, until) = (from_s.unwrap_or(f64::NEG_INFINITY), until_s.unwrap_or(f64::INFINITY));
-        gaps.retain(|(a, b)| *b > from && *a < until);
+        let longest = bridged_s(record, vehicle, record.period().unwrap_or(0.0));
+        gaps.retain(|(a, b)| *b > from && *a < until && b - a > longest);
         if gaps.is_empty() || record.time_unit != "s" {
             return Ok(vec![Self::new(record, vehicle, period_s, (from_s, until_s))?]);
         }
