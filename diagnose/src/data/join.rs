@@ -23,7 +23,8 @@ impl Data {
     pub fn join(records: &[Record], vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
         let mut parts = Vec::new();
         for record in records {
-            parts.extend(unbroken(record, vehicle).iter().map(|r| Self::new(r, vehicle, period_s)));
+            let unbroken = unbroken(record, vehicle, period_s);
+            parts.extend(unbroken.iter().map(|r| Self::new(r, vehicle, period_s)));
         }
         let mut parts = parts.into_iter().collect::<Result<Vec<_>, _>>()?;
         let mut whole = parts.remove(0);
@@ -75,7 +76,10 @@ impl Data {
         }
         self.inputs.extend(other.inputs);
         self.steps += other.steps;
-        self.origin = format!("{}, {}", self.origin, other.origin);
+        // Parts of one record have one name.
+        if !self.origin.split(", ").any(|name| name == other.origin) {
+            self.origin = format!("{}, {}", self.origin, other.origin);
+        }
     }
 
     fn drop_first(&mut self, steps: usize) {
@@ -93,7 +97,7 @@ impl Data {
 
 /// The parts of a record between the gaps that cannot be bridged; the record itself when it has none. A part
 /// counts when it determines more than an initial state.
-fn unbroken<'r>(record: &'r Record, vehicle: &Vehicle) -> Vec<Cow<'r, Record>> {
+fn unbroken<'r>(record: &'r Record, vehicle: &Vehicle, period_s: Option<f64>) -> Vec<Cow<'r, Record>> {
     let steps: Vec<f64> = record.time.windows(2).map(|w| w[1] - w[0]).collect();
     let usual = whirlstand_logs::stats::median(&steps);
     if usual <= 0.0 {
@@ -103,7 +107,10 @@ fn unbroken<'r>(record: &'r Record, vehicle: &Vehicle) -> Vec<Cow<'r, Record>> {
     let gaps = steps.iter().enumerate().filter(|(_, d)| **d > longest).map(|(k, _)| k + 1);
     let mut cuts: Vec<usize> = std::iter::once(0).chain(gaps).collect();
     cuts.push(record.time.len());
-    let long: Vec<&[usize]> = cuts.windows(2).filter(|c| c[1] - c[0] >= MIN_PART_STEPS).collect();
+    // Steps of the prediction, which may be longer than those of the record.
+    let least_s = MIN_PART_STEPS as f64 * period_s.unwrap_or(usual).max(usual);
+    let lasts = |c: &[usize]| record.time[c[1] - 1] - record.time[c[0]] >= least_s;
+    let long: Vec<&[usize]> = cuts.windows(2).filter(|c| lasts(c)).collect();
     if cuts.len() == 2 || long.is_empty() {
         return vec![Cow::Borrowed(record)];
     }
@@ -123,6 +130,24 @@ mod tests {
         record.push("rate", "rad/s", (0..100).map(|k| known(k, k >= late)).collect()).unwrap();
         record.push("roll", "rad", (0..100).map(|k| known(k, k % 3 == phase)).collect()).unwrap();
         record
+    }
+
+    /// 45 samples are enough steps of the record, and too few of the prediction.
+    #[test]
+    fn a_part_between_two_gaps_is_counted_in_steps_of_the_prediction() {
+        let text = "name = 'axis'\nA = [[-1.0]]\nB = [[1.0]]\ninputs = [{ name = 'u' }]\n\
+                    states = [{ name = 'roll', unit = 'rad' }]\noutputs = [{ name = 'roll', unit = 'rad' }]\n";
+        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        let times = [(0.0, 1000), (3.0, 45), (5.0, 1000)].into_iter();
+        let times: Vec<f64> =
+            times.flat_map(|(t, n)| (0..n).map(move |k| t + 0.002 * f64::from(k))).collect();
+        let steps = times.len();
+        let mut record = Record::new("axis", times).unwrap();
+        record.push("u", "", (0..steps).map(|k| (k as f64 * 0.01).sin()).collect()).unwrap();
+        record.push("roll", "rad", (0..steps).map(|k| (k as f64 * 0.01).cos()).collect()).unwrap();
+        let parts = |period_s| Data::join(&[record.clone()], &vehicle, period_s).unwrap().starts.len();
+        assert_eq!((parts(None), parts(Some(0.006))), (3, 2));
+        assert_eq!(Data::join(&[record.clone()], &vehicle, None).unwrap().origin, "axis");
     }
 
     #[test]

@@ -125,16 +125,24 @@ fn part(segment: &Segment, from: usize, until: usize) -> Segment {
 }
 
 /// Fitted and held-out data: of every three blocks the third is held out, so that both cover the whole
-/// flight.
+/// flight. Parts of a record with gaps that are shorter than three blocks are blocks of their own.
 fn split(whole: &[Segment]) -> (Vec<Segment>, Vec<Segment>) {
     let steps: usize = whole.iter().map(|s| s.steps).sum();
     let block = (steps.min(MOST_STEPS) / BLOCKS).max(LEAST_STEPS);
     // Groups of three blocks; of a long record only every n-th group.
     let every = steps.div_ceil(MOST_STEPS);
     let (mut fitted, mut held) = (Vec::new(), Vec::new());
-    let mut group = 0;
+    let (mut group, mut short) = (0, 0);
     for segment in whole {
         let groups = segment.steps / (3 * block);
+        if groups == 0 && segment.steps >= LEAST_STEPS {
+            short += 1;
+            match (short - 1) % (3 * every) {
+                0 | 1 => fitted.push(segment.clone()),
+                2 => held.push(segment.clone()),
+                _ => {}
+            }
+        }
         // Remaining steps lengthen the groups.
         let length = segment.steps.checked_div(groups).unwrap_or(0);
         for g in 0..groups {
@@ -211,6 +219,18 @@ mod tests {
         let ahead = horizons(&pair, 0.01);
         assert!(ahead == [4, 10] || ahead == [4, 11], "{ahead:?}");
         assert_eq!(horizons(&pair, 0.05), [20]);
+    }
+
+    /// Five parts of 4 s, each shorter than three blocks of a record of 20 s.
+    #[test]
+    fn short_parts_between_gaps_are_blocks() {
+        let mut record =
+            Record::new("x", (0..2000).map(|k| k as f64 * 0.01 + (k / 400) as f64).collect()).unwrap();
+        record.push("u", "", (0..2000).map(|k| f64::from(k % 7)).collect()).unwrap();
+        record.push("y", "", (0..2000).map(|k| (k as f64 * 0.1).sin()).collect()).unwrap();
+        let pair = Pair::new(&record, "u", "y").unwrap().unwrap();
+        let steps = |segments: &[Segment]| segments.iter().map(|s| s.steps).collect::<Vec<_>>();
+        assert_eq!((steps(&pair.fitted), steps(&pair.held)), (vec![400; 4], vec![400]));
     }
 
     #[test]
