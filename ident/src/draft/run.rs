@@ -165,7 +165,7 @@ fn axes(
             Some((tried, _)) if !answers_the_input(&tried) => left_out.push(LeftOut {
                 output: link.output.name.clone(),
                 why: format!(
-                    "the effect of {} on it in the best structure, {}, is within two standard errors of zero",
+                    "the effect of {} on it in the best structure, {}, is within three standard errors of zero",
                     link.input.name,
                     tried.structure.words()
                 ),

@@ -93,26 +93,29 @@ pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<C
     Ok(simplest(all).map(|found| (found, figures)))
 }
 
-/// True when the gain of the input is determined and more than two standard errors from zero: a model with
-/// random-walk forces predicts an output better than a regression on its past even without any response to
-/// the input.
+/// Standard errors by which the gain of the input must differ from zero. It is the largest of eight structures for each pair
+/// of an input and an output, so that two standard errors come about by chance.
+const ACTING_SIGMAS: f64 = 3.0;
+
+/// True when the gain of the input is determined and differs from zero: a model with random-walk forces predicts an output
+/// better than a regression on its past even without any response to the input.
 pub fn answers_the_input(tried: &Tried) -> bool {
     let of_input = |p: &Parameter| matches!(p.target, Target::Entry(Matrix::B, ..));
     let parameters = &tried.fit.problem.parameters;
     parameters
         .iter()
         .enumerate()
-        .any(|(i, p)| of_input(p) && tried.fit.theta[i].abs() > two_sigmas(&tried.fit, i))
+        .any(|(i, p)| of_input(p) && tried.fit.theta[i].abs() > ACTING_SIGMAS * sigma(&tried.fit, i))
 }
 
-fn two_sigmas(fit: &Fit, i: usize) -> f64 {
-    2.0 * fit.covariance[(i, i)].max(0.0).sqrt()
+fn sigma(fit: &Fit, i: usize) -> f64 {
+    fit.covariance[(i, i)].max(0.0).sqrt()
 }
 
 /// True when every delay and lag is determined and more than two standard errors from zero.
 fn effects_show(tried: &Tried) -> bool {
     let fit = &tried.fit;
-    let shows = |i: usize| fit.theta[i] > two_sigmas(fit, i);
+    let shows = |i: usize| fit.theta[i] > 2.0 * sigma(fit, i);
     let of_effect = |p: &Parameter| matches!(p.target, Target::Effect(..));
     fit.fixed.iter().all(|f| !of_effect(&f.parameter))
         && fit.problem.parameters.iter().enumerate().all(|(i, p)| !of_effect(p) || shows(i))
