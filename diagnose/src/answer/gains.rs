@@ -169,9 +169,14 @@ fn never_forgets(selection: &Selection<'_, '_>, range: &Range<usize>) -> bool {
     })
 }
 
-/// Prediction error power as a share of the power about the mean, 0 to 1.
+/// Prediction error power as a share of the power about the mean, 0 to 1: all of it without a prediction, and nothing of a
+/// channel that does not change.
 fn share(score: Score) -> f64 {
-    score.fit.map_or(0.0, |fit| (1.0 - fit / 100.0).powi(2).min(1.0))
+    match score {
+        Score { fit: Some(fit), .. } => (1.0 - fit / 100.0).powi(2).min(1.0),
+        Score { rmse: None, .. } => 1.0,
+        Score { .. } => 0.0,
+    }
 }
 
 /// Predictions of a model over a horizon, corrected by the whole record up to the start of each.
@@ -198,4 +203,17 @@ fn floor(fit: &Fit, data: &Data, vehicle: &Vehicle, c: usize) -> f64 {
     let declared = vehicle.outputs[data.channels[c].output].noise;
     let innovation = fit.profile.noise.channels[c].variance().sqrt();
     if declared > 0.0 && total > 2.0 * declared { innovation.max(declared) } else { total }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Score, share};
+
+    #[test]
+    fn what_is_not_predicted_is_left_to_noise() {
+        let of = |fit, rmse| share(Score { fit, rmse });
+        assert_eq!(of(None, None), 1.0, "no prediction");
+        assert_eq!(of(None, Some(0.1)), 0.0, "a channel that does not change");
+        assert_eq!((of(Some(100.0), Some(0.0)), of(Some(-50.0), Some(2.0))), (0.0, 1.0));
+    }
 }

@@ -171,7 +171,6 @@ impl Identification {
             "\n{:names$}  {:>9} {:>9}  {:>9} {:>9}  {:>12}  white\n",
             "fit, %", "free run", "one step", "held out", "one step", "noise"
         ));
-        let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.2}"));
         for (name, o) in &self.outputs {
             let (own, other) = (o.identification, o.control);
             let white = o.whiteness.as_ref().map_or("-".into(), |w| {
@@ -237,5 +236,25 @@ impl Identification {
             ));
         }
         out
+    }
+}
+
+/// A fit in percent. Below -100 % the model left the record, and how far says nothing.
+fn percent(fit: Option<f64>) -> String {
+    match fit {
+        None => "-".into(),
+        Some(..-100.0) => "< -100".into(),
+        Some(fit) => format!("{fit:.2}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::percent;
+
+    #[test]
+    fn a_fit_of_a_run_that_left_the_record_is_no_number() {
+        let shown = [Some(97.123), Some(-99.5), Some(-3.7e8), None].map(percent);
+        assert_eq!(shown, ["97.12", "-99.50", "< -100", "-"]);
     }
 }
