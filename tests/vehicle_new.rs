@@ -153,6 +153,7 @@ fn identify_finds_a_draft_again() -> Outcome {
             assert!((0.5..2.0).contains(&ratio), "{} is {ratio} times the draft's", own["name"]);
         }
     }
+    assert_eq!(fitted["search"]["converged"], true, "{}", fitted["search"]);
     let poles = fitted["poles"].as_array().unwrap().iter();
     let growth = poles.map(|pole| pole["re"].as_f64().unwrap()).fold(f64::NEG_INFINITY, f64::max);
     assert!(growth < 0.5, "{}", fitted["poles"]);

@@ -31,17 +31,62 @@ pub struct Evaluation {
     pub right: DVector<f64>,
     /// Derivative of every segment's optimal nuisances by the unknowns, nuisances x unknowns.
     pub coupling: Vec<DMatrix<f64>>,
+    /// What the best nuisances gain over those of which the innovations and their derivatives are.
+    pub gained: f64,
 }
 
-impl Point for Evaluation {
+/// Gain of the log-likelihood by better nuisances from which on derivatives are wrong.
+const NUISANCES_OFF: f64 = 0.01;
+
+/// A point of a search for the greatest likelihood.
+pub struct Likelihood<'a> {
+    problem: &'a Problem,
+    structure: &'a NoiseStructure,
+    segments: &'a [Segment],
+    /// The likelihood there.
+    pub evaluation: Evaluation,
+}
+
+impl<'a> Likelihood<'a> {
+    /// The point at some values of the unknowns; `None` as for [`evaluate`].
+    pub fn at(
+        problem: &'a Problem,
+        structure: &'a NoiseStructure,
+        segments: &'a [Segment],
+        (unknowns, nuisances): (&[f64], &[Vec<f64>]),
+    ) -> Option<Self> {
+        let evaluation = evaluate(problem, structure, segments, unknowns, nuisances)?;
+        Some(Self { problem, structure, segments, evaluation })
+    }
+
+    /// The point a step further; nuisances follow as far as their derivatives say.
+    pub fn after(&self, unknowns: &[f64], step: &DVector<f64>) -> Option<Self> {
+        let follow = |(old, coupling): (&Vec<f64>, &DMatrix<f64>)| -> Vec<f64> {
+            let moved = coupling * step;
+            old.iter().zip(moved.iter()).map(|(a, b)| a + b).collect()
+        };
+        let own = &self.evaluation;
+        let nuisances: Vec<Vec<f64>> = own.nuisances.iter().zip(&own.coupling).map(follow).collect();
+        Self::at(self.problem, self.structure, self.segments, (unknowns, &nuisances))
+    }
+}
+
+impl Point for Likelihood<'_> {
     fn position(&self) -> &[f64] {
-        &self.unknowns
+        &self.evaluation.unknowns
     }
     fn cost(&self) -> f64 {
-        self.cost
+        self.evaluation.cost
     }
+    /// Those at the best nuisances: initial states that are off leave transients in all innovations, from which the noises
+    /// seem larger than they are, and a search along such a gradient ends where it is.
     fn derivatives(&mut self) -> Option<Derivatives> {
-        Some(Derivatives { information: self.information.clone(), right: self.right.clone() })
+        if self.evaluation.gained > NUISANCES_OFF {
+            let Evaluation { unknowns, nuisances, .. } = &self.evaluation;
+            self.evaluation = evaluate(self.problem, self.structure, self.segments, unknowns, nuisances)?;
+        }
+        let Evaluation { information, right, .. } = &self.evaluation;
+        Some(Derivatives { information: information.clone(), right: right.clone() })
     }
 }
 
@@ -116,12 +161,15 @@ fn evaluated(
         information: DMatrix::zeros(nu, nu),
         right: DVector::zeros(nu),
         coupling: Vec::with_capacity(segments.len()),
+        gained: 0.0,
     };
     for ((part, nuisance), w) in parts.into_iter().zip(nuisances).zip(&which) {
         let reduced = eliminate(&part.sums.information, &part.sums.right, nu)?;
         let mut step = DVector::zeros(part.sums.right.len());
         step.rows_mut(nu, reduced.step.len()).copy_from(&reduced.step);
-        evaluation.cost += 0.5 * part.sums.square_after(&step);
+        let square = part.sums.square_after(&step);
+        evaluation.cost += 0.5 * square;
+        evaluation.gained += 0.5 * (part.sums.square_after(&DVector::zeros(step.len())) - square);
         evaluation.information += &reduced.information;
         evaluation.right += &reduced.right;
         evaluation.nuisances.push(nuisance.iter().zip(reduced.step.iter()).map(|(a, b)| a + b).collect());

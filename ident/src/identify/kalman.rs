@@ -1,8 +1,9 @@
 //! Prediction-error search with a Kalman filter: start values, then optimisation.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use super::data::Segment;
+use super::filter_error::Likelihood;
 use super::fitted::{Fit, NoiseFit, bounds, no_nuisances};
 use super::forces::with_forces;
 use super::predictor::NoiseStructure;
@@ -135,21 +136,11 @@ fn climb(
     let mut limits = bounds(problem);
     limits.extend(first_noise(problem, segments, structure).iter().map(|noise| (noise.lower, noise.upper)));
     let unknowns: Vec<f64> = start.theta.iter().chain(&start.noise).copied().collect();
-    let first =
-        filter_error::evaluate(problem, structure, segments, &unknowns, &no_nuisances(problem, segments))?;
-    // Repeated with the best initial states: before, their transients distort the innovations and the
-    // gradient.
-    let first = filter_error::evaluate(problem, structure, segments, &unknowns, &first.nuisances)?;
-    let at = |from: &filter_error::Evaluation, unknowns: &[f64], step: &DVector<f64>| {
-        let follow = |(old, coupling): (&Vec<f64>, &DMatrix<f64>)| -> Vec<f64> {
-            let moved = coupling * step;
-            old.iter().zip(moved.iter()).map(|(a, b)| a + b).collect()
-        };
-        let nuisances: Vec<Vec<f64>> = from.nuisances.iter().zip(&from.coupling).map(follow).collect();
-        filter_error::evaluate(problem, structure, segments, unknowns, &nuisances)
-    };
+    let first = Likelihood::at(problem, structure, segments, (&unknowns, &no_nuisances(problem, segments)))?;
     let search_limits = Limits { iterations, tolerance: 0.01, ..Limits::default() };
-    Some(search(first, &limits, search_limits, at, |step, cost| descends(watch, step, cost)))
+    let (found, outcome) =
+        search(first, &limits, search_limits, Likelihood::after, |step, cost| descends(watch, step, cost));
+    Some((found.evaluation, outcome))
 }
 
 /// Fits the parameters and the noises by maximum likelihood of the Kalman filter's innovations.
