@@ -53,9 +53,9 @@ pub enum NodeError {
     /// The transport failed while receiving.
     #[error(transparent)]
     Receive(#[from] whirlstand_bus::RecvError),
-    /// A peer was never heard from.
+    /// A peer was not heard from, or did not come to run.
     #[error(
-        "the plant waited {waited_s} s for {}, which did not start; check that they run on this bench",
+        "the plant waited {waited_s} s for {}, which did not start or stands still; check that it runs on this bench",
         missing.iter().map(|r| r.name()).collect::<Vec<_>>().join(" and ")
     )]
     PeersAbsent {

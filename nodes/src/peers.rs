@@ -202,9 +202,17 @@ impl Peers {
         self.listens_to.iter().copied().filter(|&r| !self.runs(r))
     }
 
-    /// Peers that are not yet `Running`, as text.
-    pub fn missing(&self) -> String {
-        let missing: Vec<_> = self.not_running().map(Role::name).collect();
+    /// Peers that hold up the start: those never heard from or silent since, and where there are none, those
+    /// not yet `Running`. A peer that speaks and does not run may itself be waiting for one of the former.
+    pub fn holding_up(&self, now: Instant) -> Vec<Role> {
+        let silent = |&role: &Role| self.health(role).is_none_or(|peer| peer.is_silent(now));
+        let silent: Vec<Role> = self.listens_to.iter().copied().filter(silent).collect();
+        if silent.is_empty() { self.not_running().collect() } else { silent }
+    }
+
+    /// Peers that hold up the start, as text.
+    pub fn missing(&self, now: Instant) -> String {
+        let missing: Vec<_> = self.holding_up(now).into_iter().map(Role::name).collect();
         format!("the {}", missing.join(" and the "))
     }
 
@@ -230,5 +238,26 @@ mod tests {
         let peers = || Peers::open(&bus, Role::Controller, vec![]).unwrap();
         assert_eq!(first(peers()), Some(NodeState::Running));
         assert_eq!(first(peers().begin_disarmed()), Some(NodeState::Disarmed));
+    }
+
+    /// A recorder that waits for a stopped estimator speaks and does not run: the estimator is the cause.
+    #[test]
+    fn who_holds_up_the_start_is_who_is_silent_not_who_waits_for_it() {
+        let bus = Bus::open(&BusConfig::new("held-up", "plant", Transport::Inproc)).unwrap();
+        let mut plant = Peers::open(&bus, Role::Plant, vec![Role::Estimator, Role::Recorder]).unwrap();
+        let heard = |role: Role, state: NodeState| {
+            let mut health = Health { pid: 1, state: state as u32, ..Health::zeroed() };
+            health.set_node_name(role.name());
+            health
+        };
+        assert_eq!(plant.missing(Instant::now()), "the estimator and the recorder");
+        plant.update(&heard(Role::Recorder, NodeState::Starting));
+        assert_eq!(plant.missing(Instant::now()), "the estimator");
+        plant.update(&heard(Role::Estimator, NodeState::Running));
+        assert_eq!(plant.missing(Instant::now()), "the recorder");
+        let later = Instant::now() + SILENCE;
+        plant.update(&heard(Role::Recorder, NodeState::Starting));
+        plant.reports[Role::Recorder as usize].as_mut().unwrap().heard = later;
+        assert_eq!(plant.missing(later), "the estimator");
     }
 }

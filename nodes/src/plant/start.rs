@@ -29,7 +29,7 @@ impl Plant {
             self.tell_wait(now);
             return Ok(Turn::Idle);
         }
-        let missing = self.peers.not_running().collect();
+        let missing = self.peers.holding_up(now);
         Err(NodeError::PeersAbsent { missing, waited_s: self.start_timeout.as_secs_f64() })
     }
 

@@ -72,11 +72,11 @@ impl Waiting {
     }
 }
 
-/// Awaited nodes: before the first step those not running yet, later those behind `step` or silent; for step
+/// Awaited nodes: before the first step those that hold up the start, later those behind `step` or silent; for step
 /// 0, which every node reports before it has done any, only silent ones.
 pub(super) fn whom(peers: &Peers, gate: &Gate, joining: bool, step: u64, now: Instant) -> String {
     if joining {
-        return peers.missing();
+        return peers.missing(now);
     }
     let behind = |role: Role| peers.health(role).is_some_and(|peer| peer.step < step || peer.is_silent(now));
     let whom = if gate.is_answered() {

@@ -228,12 +228,12 @@ impl VehicleNode {
         }
         if now < until {
             let (peers, links) = (&self.peers, &self.links);
-            self.waits.tell(now, || if peers_run { links.awaited() } else { peers.missing() });
+            self.waits.tell(now, || if peers_run { links.awaited() } else { peers.missing(now) });
             return Ok(());
         }
         let waited_s = self.start_timeout.as_secs_f64();
         if !peers_run {
-            return Err(NodeError::PeersAbsent { missing: self.peers.not_running().collect(), waited_s });
+            return Err(NodeError::PeersAbsent { missing: self.peers.holding_up(now), waited_s });
         }
         Err(NodeError::no_vehicle(waited_s, &lock(&self.shared).vehicle.figures()))
     }
