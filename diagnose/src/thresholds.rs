@@ -65,6 +65,14 @@ pub(crate) const DESCENT_LIMITS: Limits = Limits {
     trials: MAX_DAMPED_STEPS,
     damping: 1e-4,
 };
+/// Half-width of a 95 % interval in standard errors, the root of the 95 % quantile of chi-square with one degree of
+/// freedom (Wilks 1938).
+pub(crate) const INTERVAL_SIGMAS: f64 = 1.959_963_984_540_054;
+/// Relative error of an interval's half-width that is not worth another fit: a tenth, which moves the coverage of 95 % by
+/// two hundredths.
+pub(crate) const PARABOLA_TOLERANCE: f64 = 0.1;
+/// Fits in the search for one end of an interval. Cost.
+pub(crate) const INTERVAL_EVALUATIONS: usize = 10;
 /// A run that exceeds the largest measured value by this factor has diverged: nonlinear effects far out cost
 /// thousands of steps each. Cost.
 pub(crate) const DIVERGED_RATIO: f64 = 1e3;

@@ -26,8 +26,8 @@ pub struct Candidate {
     pub place: String,
     /// Parameters that are fitted.
     pub tunables: Vec<Tunable>,
-    /// Parameters that keep their values.
-    pub fixed: Vec<(&'static str, f64)>,
+    /// Parameters that keep their values: of limits, the one that the record does not reach; of a mode, a gain of one.
+    pub fixed: Vec<(Tunable, f64)>,
     /// The text parameter, if the effect has one.
     pub text: Option<String>,
     /// Start values of the tunables, one vector per start.
@@ -59,13 +59,14 @@ impl Candidate {
 
     /// The effect with the given values; `None` when the table does not allow them.
     pub fn effect(&self, values: &[f64]) -> Option<Effect> {
+        let tuned = self.tunables.iter().zip(values).map(|(t, v)| (t.name, *v));
+        let all: Vec<(&str, f64)> = tuned.chain(self.fixed.iter().map(|(t, v)| (t.name, *v))).collect();
         let effect = match &self.text {
-            Some(to) if self.kind == Kind::ModeTransition => Effect::mode_transition(values[0], to).ok()?,
-            _ => {
-                let parameters = self.tunables.iter().zip(values).map(|(t, v)| (t.name, *v));
-                let all: Vec<(&str, f64)> = parameters.chain(self.fixed.iter().copied()).collect();
-                Effect::new(self.kind, &self.place, &all).ok()?
+            Some(to) if self.kind == Kind::ModeTransition => {
+                let at_s = all.iter().find(|(name, _)| *name == "at_s")?.1;
+                Effect::mode_transition(at_s, to).ok()?
             }
+            _ => Effect::new(self.kind, &self.place, &all).ok()?,
         };
         if self.kind == Kind::InputSaturation {
             // A lower limit above the upper one is not a saturation.
@@ -82,7 +83,7 @@ impl Candidate {
         self.name() == other.name()
             && self.text == other.text
             && open(self) == open(other)
-            && self.fixed.iter().map(|f| f.0).eq(other.fixed.iter().map(|f| f.0))
+            && self.fixed.iter().map(|f| f.0.name).eq(other.fixed.iter().map(|f| f.0.name))
     }
 
     /// Name of the candidate, as in `effect(place)`.

@@ -138,8 +138,10 @@ impl Builder<'_> {
         let both = both.collect();
         self.add(Kind::InputSaturation, &input.name, &[lower, upper], both);
         let one = |half: f64| [0.95, 0.8, 0.6, 0.4, 0.2].map(|s| vec![middle + s * half]).to_vec();
-        self.add(Kind::InputSaturation, &input.name, &[upper], one(half)).fixed = vec![("lower", low)];
-        self.add(Kind::InputSaturation, &input.name, &[lower], one(-half)).fixed = vec![("upper", high)];
+        self.add(Kind::InputSaturation, &input.name, &[upper], one(half)).fixed =
+            vec![(Tunable { lower: low.min(lower.lower), ..lower }, low)];
+        self.add(Kind::InputSaturation, &input.name, &[lower], one(-half)).fixed =
+            vec![(Tunable { upper: high.max(upper.upper), ..upper }, high)];
     }
 
     fn modes(&mut self, name: &str) {
@@ -150,9 +152,8 @@ impl Builder<'_> {
         }
         let frequency = free("frequency_hz", 0.05, half, 1e-2);
         let damping = tunable("damping_ratio", 0.005, 1.0, 1e-3);
-        self.add(Kind::UnmodelledMode, name, &[frequency, damping], starts.clone()).fixed =
-            vec![("gain", 1.0)];
         let gain = tunable("gain", 0.05, 20.0, 1e-3);
+        self.add(Kind::UnmodelledMode, name, &[frequency, damping], starts.clone()).fixed = vec![(gain, 1.0)];
         let starts = starts.into_iter().map(|mut s| {
             // With a gain of one this would equal the previous candidate.
             s.push(1.25);

@@ -137,8 +137,14 @@ fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Optio
         let close = upper && *smooth > top - 2.5 * noise || lower && *smooth < bottom + 2.5 * noise;
         *good &= !(cut || close);
     }
+    // A limit that was not reached is anywhere beyond what was.
     let range = |at: f64, cut: bool, far: f64| {
-        if cut { (at, at - 1e-6 * width, at + 1e-6 * width) } else { (at + far, at, at + 2.0 * far) }
+        let beyond = at + 2.0 * far;
+        if cut {
+            (at, at - 1e-6 * width, at + 1e-6 * width)
+        } else {
+            (at + far, at.min(beyond), at.max(beyond))
+        }
     };
     let parameters = BTreeMap::from([
         ("upper", range(top, upper, 10.0 * width)),

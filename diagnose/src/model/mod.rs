@@ -14,6 +14,7 @@ pub mod input_reconstruction;
 pub mod noise;
 pub mod observer;
 pub mod predictor;
+mod profile_interval;
 pub mod reach;
 pub mod score_test;
 pub mod sensitivities;

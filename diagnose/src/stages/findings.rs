@@ -8,6 +8,7 @@ use super::baseline::Baseline;
 use super::residual::Residual;
 use crate::answer::Estimate;
 use crate::answer::gains::{Gains, gains, output_error};
+use crate::candidates::Tunable;
 use crate::residual::narrow_band;
 
 /// Everything that was found, before it is put into words.
@@ -62,25 +63,23 @@ fn extended(vehicle: &Vehicle, residual: &Residual<'_>) -> Option<Vehicle> {
 
 /// Names and 95 % intervals of a term's values.
 pub(crate) fn estimates(residual: &Residual<'_>, term: usize) -> BTreeMap<String, Estimate> {
-    let selection = &residual.selection;
-    let covariance = selection.model.covariance(&selection.fit);
-    let candidate = &selection.model.terms[term];
-    let estimate = |(tunable, i): (&crate::candidates::Tunable, usize)| {
-        let mut value = selection.fit.values[i];
-        let mut half = covariance.as_ref().map_or(0.0, |c| 1.96 * c[(i, i)].max(0.0).sqrt());
+    let (model, fit) = (&residual.selection.model, &residual.selection.fit);
+    let candidate = &model.terms[term];
+    let values = fit.values[model.range(term)].iter().zip(&candidate.tunables);
+    let fixed = candidate.fixed.iter().map(|(tunable, value)| (value, tunable));
+    let estimate = |((&value, tunable), (low, high)): ((&f64, &Tunable), (f64, f64))| {
+        let (mut value, mut low, mut high) = (value, low, high);
         if matches!(tunable.name, "at_s" | "duration_s") {
             // Times within one period cannot be distinguished.
-            half = half.max(selection.model.free_run.data.period_s);
+            let period_s = model.free_run.data.period_s;
+            low = low.min((value - period_s).max(tunable.lower));
+            high = high.max((value + period_s).min(tunable.upper));
         }
-        let (mut low, mut high) = ((value - half).max(tunable.lower), (value + half).min(tunable.upper));
         if tunable.name == "phase_rad" {
             let turns = (value / std::f64::consts::TAU).round() * std::f64::consts::TAU;
             (value, low, high) = (value - turns, low - turns, high - turns);
         }
         (tunable.name.to_string(), Estimate::new(value, low, high))
     };
-    let fixed =
-        |(name, value): &(&'static str, f64)| ((*name).to_string(), Estimate::new(*value, *value, *value));
-    let open = candidate.tunables.iter().zip(selection.model.range(term)).map(estimate);
-    open.chain(candidate.fixed.iter().map(fixed)).collect()
+    values.chain(fixed).zip(model.intervals(fit, term)).map(estimate).collect()
 }

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use whirlstand_logs::shown::{number, shown};
 
+use super::flown::Flown;
 use super::structure::Structure;
 
 /// Schema identifier of [`Draft`].
@@ -27,6 +28,8 @@ pub struct Draft {
     pub signals: Vec<SignalAnswer>,
     /// Outputs that belong to no axis, each with the reason.
     pub left_out: Vec<LeftOut>,
+    /// The part of the log in which the vehicle flies, where that is not all of it.
+    pub flown: Option<Flown>,
     /// Path of the vehicle file, if it was written.
     pub vehicle_file: Option<String>,
     /// The text of the vehicle file.
@@ -147,6 +150,9 @@ impl Draft {
         let mut text =
             format!("{}  drafted from {}, steps of {} s\n", self.vehicle, self.log, number(self.period_s));
         let mut row = |head: &str, body: String| text.push_str(&format!("{head:<9} {body}\n"));
+        if let Some(flown) = &self.flown {
+            row("part", flown.sentence());
+        }
         for s in &self.signals {
             let from = if s.name == s.source { String::new() } else { format!(" = {}", s.source) };
             row("signal", format!("{}{from}  {}", s.name, s.why));

@@ -50,13 +50,12 @@ fn above(text: &mut String, anchor: &str, lines: &[String]) {
 }
 
 fn head(draft: &Draft) -> String {
-    let mut lines = vec![
-        format!(
-            "A first vehicle file, drafted from {}. Every number below was estimated from that record.",
-            draft.log
-        ),
-        "Predictions of held-out data:".into(),
-    ];
+    let mut lines = vec![format!(
+        "A first vehicle file, drafted from {}. Every number below was estimated from that record.",
+        draft.log
+    )];
+    lines.extend(draft.flown.iter().map(|flown| format!("Part of it: {}.", flown.sentence())));
+    lines.push("Predictions of held-out data:".into());
     lines.extend(draft.axes.iter().map(|axis| format!("  {}.", axis.sentence())));
     for left in &draft.left_out {
         lines.push(format!("Left out: {}: {}", left.output, left.why));

@@ -15,6 +15,7 @@ mod blocks;
 mod comments;
 mod compose;
 mod error;
+mod flown;
 mod mixer;
 mod own_past;
 mod presets;

@@ -12,6 +12,7 @@ use super::answer::{
 use super::comments;
 use super::compose::{Angle, Axis, Composed, compose};
 use super::error::DraftError;
+use super::flown::Flown;
 use super::mixer::Mixer;
 use super::own_past::{compare, starts};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
@@ -70,7 +71,15 @@ pub fn draft(
         if inputs.is_empty() {
             continue;
         }
-        match from_inputs(&log, names, &proposal, (inputs, &record), observe) {
+        let flown = Flown::find(&record, &inputs, (part.0.is_some(), part.1.is_some()));
+        let record = match flown {
+            Some(Flown { from_s, to_s }) => {
+                record.between(from_s.unwrap_or(f64::NEG_INFINITY), to_s.unwrap_or(f64::INFINITY))
+            }
+            None => record,
+        };
+        let flight = Flight { record: &record, flown };
+        match from_inputs(&log, names, &proposal, (inputs, flight), observe) {
             // A log may hold what was asked of the vehicle and what its motors did: where one explains nothing, the
             // other may. The first refusal is told, as it is about the inputs that were proposed first.
             Err(why @ (DraftError::Unexplained { .. } | DraftError::TooSlow { .. })) => {
@@ -83,14 +92,22 @@ pub fn draft(
     Err(refused.unwrap_or_else(|| DraftError::InputsAtRest { log: log.clone(), inputs: still.join(", ") }))
 }
 
+/// The record of a flight, and the part of the log that it is.
+#[derive(Clone, Copy)]
+struct Flight<'r> {
+    record: &'r Record,
+    flown: Option<Flown>,
+}
+
 /// Drafts a vehicle that is driven by some inputs of the proposal.
 fn from_inputs(
     log: &str,
     names: &Names,
     proposal: &Proposal,
-    (inputs, record): (Vec<Chosen>, &Record),
+    (inputs, flight): (Vec<Chosen>, Flight<'_>),
     observe: &(dyn Fn(&str) + Sync),
 ) -> Result<Draft, DraftError> {
+    let record = flight.record;
     check_motors(record, &proposal.motors, &inputs)?;
     let (angles, outputs): (Vec<Chosen>, Vec<Chosen>) =
         proposal.outputs.iter().cloned().partition(|o| is_integral(o, &proposal.outputs));
@@ -109,7 +126,7 @@ fn from_inputs(
         let found = left_out.iter().map(|l| format!("{}: {}", l.output, l.why)).collect::<Vec<_>>();
         return Err(DraftError::Unexplained { log: log.into(), found: found.join("; ") });
     }
-    finish(log, names, record, (&axes, mixer.as_ref()), &angles, left_out)
+    finish(log, names, flight, (&axes, mixer.as_ref()), &angles, left_out)
 }
 
 /// True for an angle whose rate is among the outputs.
@@ -194,7 +211,7 @@ fn axes(
 fn finish(
     log: &str,
     names: &Names,
-    record: &Record,
+    Flight { record, flown }: Flight<'_>,
     (fitted, mixer): (&[(Link, Axis)], Option<&Mixer>),
     angles: &[Chosen],
     mut left_out: Vec<LeftOut>,
@@ -231,6 +248,7 @@ fn finish(
             .map(|c| SignalAnswer { name: c.name.clone(), source: c.source.clone(), why: c.why.clone() })
             .collect(),
         left_out,
+        flown,
         vehicle_file: None,
         toml: String::new(),
     };

@@ -1,0 +1,120 @@
+//! The part of a record in which a vehicle flies: a log begins and ends on the ground, with the motors off.
+
+use serde::Serialize;
+use whirlstand_logs::Record;
+
+use super::proposal::Chosen;
+
+/// Shortest rest with the motors off that is taken for the ground, s: an experiment may begin with a moment of rest.
+const REST_S: f64 = 2.0;
+/// Time between the first or last turn of a motor and free flight, s: a small vehicle spools up and lifts off, or touches
+/// down and comes to rest, within about a second, and meanwhile the ground moves it.
+const CONTACT_S: f64 = 1.0;
+/// Share of its range within which an input does not change.
+const CONSTANT_SHARE: f64 = 1e-3;
+
+/// The part of a record that was used because the vehicle flies in it, s of the record's clock.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Flown {
+    /// Start of the part; `None` for that of the record.
+    pub from_s: Option<f64>,
+    /// End of the part; `None` for that of the record.
+    pub to_s: Option<f64>,
+}
+
+impl Flown {
+    /// Finds the flight between two rests of all inputs, of which one at least is then at its lowest, as a motor that is
+    /// off. An end that was `chosen` is kept. `None` where the whole record is used.
+    pub fn find(record: &Record, inputs: &[Chosen], chosen: (bool, bool)) -> Option<Self> {
+        let of = |input: &Chosen| {
+            let values = &record.get(&input.name)?.values;
+            Some(record.time.iter().copied().zip(values.iter().copied()).filter(|(_, v)| v.is_finite()))
+        };
+        let forwards: Vec<Rest> = inputs.iter().filter_map(|i| Rest::until(of(i)?.collect())).collect();
+        let backwards = inputs.iter().filter_map(|i| {
+            let mut samples: Vec<(f64, f64)> = of(i)?.collect();
+            samples.reverse();
+            Rest::until(samples)
+        });
+        let backwards: Vec<Rest> = backwards.collect();
+        let begins = forwards.iter().map(|r| r.until_s).fold(f64::INFINITY, f64::min);
+        let ends = backwards.iter().map(|r| r.until_s).fold(f64::NEG_INFINITY, f64::max);
+        let off = |rests: &[Rest]| rests.iter().any(|r| r.is_lowest);
+        let (first, last) = (*record.time.first()?, *record.time.last()?);
+        let from_s = (!chosen.0 && off(&forwards) && begins - first >= REST_S).then_some(begins + CONTACT_S);
+        let to_s = (!chosen.1 && off(&backwards) && last - ends >= REST_S).then_some(ends - CONTACT_S);
+        let length = to_s.unwrap_or(last) - from_s.unwrap_or(first);
+        (from_s.is_some() || to_s.is_some())
+            .then_some(Self { from_s, to_s })
+            .filter(|_| length > 0.5 * (ends - begins))
+    }
+
+    /// The part in a sentence, with what `identify` and `diagnose` need to use the same.
+    pub fn sentence(&self) -> String {
+        let end = |flag: &str, at: Option<f64>| at.map(|at| format!(" --{flag} {at:.2}")).unwrap_or_default();
+        format!(
+            "the motors are off at the {} of the log, and the ground moves what takes off or lands: used without it, as \
+             with{}{}; give identify and diagnose the same",
+            match (self.from_s, self.to_s) {
+                (Some(_), Some(_)) => "beginning and end",
+                (Some(_), None) => "beginning",
+                _ => "end",
+            },
+            end("from", self.from_s),
+            end("to", self.to_s)
+        )
+    }
+}
+
+/// The rest of an input at one end of a record.
+struct Rest {
+    /// Time of the first change.
+    until_s: f64,
+    /// True when it rests at the lowest value that it has in the record.
+    is_lowest: bool,
+}
+
+impl Rest {
+    /// The rest with which samples of time and value begin; `None` without samples.
+    fn until(samples: Vec<(f64, f64)>) -> Option<Self> {
+        let (_, rest) = *samples.first()?;
+        let values = || samples.iter().map(|(_, v)| *v);
+        let (lowest, highest) =
+            (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+        let near = CONSTANT_SHARE * (highest - lowest);
+        let until_s = samples.iter().find(|(_, v)| (v - rest).abs() > near)?.0;
+        Some(Self { until_s, is_lowest: rest - lowest <= near })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 20 s at 100 Hz: off for `before` s and from 18 s on, in between about 0.5.
+    fn flight(before: f64, off: f64) -> Record {
+        let time: Vec<f64> = (0..2000).map(|k| k as f64 * 0.01).collect();
+        let motor = |t: &f64| if *t < before || *t >= 17.0 { off } else { 0.5 + 0.1 * (7.0 * t).sin() };
+        let values = time.iter().map(motor).collect();
+        let mut record = Record::new("x", time).unwrap();
+        record.push("u", "", values).unwrap();
+        record
+    }
+
+    fn found(record: &Record, chosen: (bool, bool)) -> Option<(Option<f64>, Option<f64>)> {
+        let input = Chosen { name: "u".into(), source: "u".into(), interval_s: None, why: String::new() };
+        let rounded = |at: f64| (at * 10.0).round() / 10.0;
+        Flown::find(record, &[input], chosen).map(|f| (f.from_s.map(rounded), f.to_s.map(rounded)))
+    }
+
+    #[test]
+    fn a_flight_lies_between_two_rests_with_the_motors_off() {
+        let whole = flight(3.0, 0.0);
+        assert_eq!(found(&whole, (false, false)), Some((Some(4.0), Some(16.0))));
+        assert_eq!(found(&whole, (true, false)), Some((None, Some(16.0))), "a chosen end stays");
+        assert_eq!(found(&whole, (true, true)), None);
+        assert_eq!(found(&flight(0.0, 0.0), (false, false)), Some((None, Some(16.0))), "it begins in flight");
+        // An experiment that begins and ends with the input in the middle of its range is no flight between two rests.
+        assert_eq!(found(&flight(3.0, 0.5), (false, false)), None);
+    }
+}
