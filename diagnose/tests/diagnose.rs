@@ -97,6 +97,43 @@ fn limits_that_lie_unevenly_are_both_found_when_the_stick_does_so_too() {
     }
 }
 
+/// A stick that stays above -0.3 shows the upper limit and nothing of the lower one: that is anywhere below.
+#[test]
+fn a_limit_that_the_record_does_not_reach_is_anywhere_beyond_it() {
+    let stick = |t: f64, j: usize| {
+        let f = 0.23 + 0.11 * j as f64;
+        0.5 + 0.5 * (TAU * f * t).sin() + 0.3 * (TAU * 2.3 * f * t + 1.0).sin()
+    };
+    let limited = with(Kind::InputSaturation, "u_pitch", &[("lower", -2.0), ("upper", 0.9)]);
+    let record = steered_flight(&limited, 12.0, &[0.0; 4], Some(1), stick, |x| vec![0.0; x.len()]);
+    let answer = diagnosis(record);
+    names(&answer, "input_saturation", "u_pitch");
+    holds(&answer, "upper", 0.9, 0.05);
+    let lower = &answer.causes[0].parameters["lower"];
+    let file = quadrotor().inputs[quadrotor().input_index("u_pitch").unwrap()].lower;
+    assert_eq!(lower.low, file.max(-1e3), "{lower:?}");
+    assert!((-0.4..0.1).contains(&lower.high), "{lower:?}");
+}
+
+/// Of a push that is over before the vehicle answers only the area is known: what is long and weak is as likely as what
+/// is short and strong, and the intervals say so.
+#[test]
+fn a_push_shorter_than_the_response_is_not_known_better_than_its_area() {
+    let mut inside = 0;
+    for seed in 1..=5 {
+        let push = [("at_s", 12.0), ("magnitude", 3.0), ("duration_s", 0.04)];
+        let answer = diagnosis(fly(&with(Kind::PulseDisturbance, "pitch_rate", &push), seed));
+        names(&answer, "pulse_disturbance", "pitch_rate");
+        let [size, duration] = ["magnitude", "duration_s"].map(|name| answer.causes[0].parameters[name]);
+        let area = size.value * duration.value;
+        assert!((area / 0.12 - 1.0).abs() < 0.1, "{area}");
+        assert!(duration.low < 0.03 && size.high > 1.2 * size.value, "{duration:?}, {size:?}");
+        let both = [(size, 3.0), (duration, 0.04)];
+        inside += usize::from(both.iter().all(|(e, truth)| e.low <= *truth && *truth <= e.high));
+    }
+    assert!(inside >= 4, "{inside} of 5");
+}
+
 #[test]
 fn a_single_spike_is_no_silent_loss() {
     let record = changed(&fly(&quadrotor(), 21), "pitch_rate", |k, v| if k == 1234 { v + 2.0 } else { v });

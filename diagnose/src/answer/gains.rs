@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::thresholds::{HELD_OUT_SHARE, LOUD_RATIO};
 use whirlstand_logs::stats::{mean, rms};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Kind, Vehicle};
 
 use crate::answer::schema::HeldOut;
 use crate::data::record::{Channel, Data};
@@ -12,7 +12,7 @@ use crate::model::commands::Commands;
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::FreeRun;
 use crate::model::noise::Noise;
-use crate::model::predictor::default_horizon_s;
+use crate::model::predictor::{default_horizon_s, with_forces};
 use crate::search::selection::Selection;
 use crate::stages::baseline::Baseline;
 use crate::stages::residual::Residual;
@@ -75,14 +75,14 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
     // To predict over a horizon, even a model fitted as a free run is corrected by the record up to then,
     // with a memory as long as the horizon.
     let following = Data { memory_s: likeliest_s.or(Some(horizon_s)), ..data.clone() };
-    let following = FreeRun::new(vehicle, &following);
     let training = first_part(data, cut);
     let free_run = FreeRun::new(vehicle, &training);
     let trained = |full: &Fit, model: &Model<'_, '_>| -> Trained {
         let model = Model { free_run: &free_run, free: model.free, terms: model.terms.clone() };
         // A parameter that only the held-out part determines (an event within it) keeps its value of the
         // whole record.
-        let fit = if model.free.is_empty() {
+        // Where a filter follows the record, there is no simulation to which the noise model could leave anything.
+        let fit = if model.free.is_empty() || follows {
             model
                 .fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]))
                 .ok()
@@ -179,11 +179,19 @@ fn share(score: Score) -> f64 {
     }
 }
 
-/// Predictions of a model over a horizon, corrected by the whole record up to the start of each.
-fn ahead(free_run: &FreeRun<'_>, model: &Model<'_, '_>, values: &[f64], horizon_s: f64) -> Option<Vec<f64>> {
-    let steps = ((horizon_s / free_run.data.period_s).round() as usize).max(1);
+/// Predictions of a model over a horizon, corrected by the whole record up to the start of each: of the state, and of
+/// what else pushes the vehicle.
+fn ahead(following: &Data, model: &Model<'_, '_>, values: &[f64], horizon_s: f64) -> Option<Vec<f64>> {
+    let steps = ((horizon_s / following.period_s).round() as usize).max(1);
     let vehicle = model.vehicle(values).ok()?;
-    free_run.ahead(&vehicle, &values[..model.states()], steps, Commands::Recorded).ok()
+    let states = vehicle.states.len();
+    // The states of another mode are those of the vehicle alone.
+    let modes = vehicle.effects.iter().any(|effect| effect.kind() == Kind::ModeTransition);
+    let vehicle = if modes { vehicle } else { with_forces(&vehicle) };
+    let forces = vec![0.0; vehicle.states.len() - states];
+    let initial = values[..model.states()].chunks_exact(states).flat_map(|x| [x, &forces[..]].concat());
+    let initial: Vec<f64> = initial.collect();
+    FreeRun::new(&vehicle, following).ahead(&vehicle, &initial, steps, Commands::Recorded).ok()
 }
 
 /// The same structure fitted as an output-error model for the free run: where a noise model takes slow

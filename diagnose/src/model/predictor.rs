@@ -1,6 +1,7 @@
 //! Choice of the predictor of a record: a free run, or a filter that follows the record with a certain
 //! memory.
 
+use whirlstand_ident::identify::forces::pushed;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::Data;
@@ -88,6 +89,13 @@ fn gain_beside(vehicle: &Vehicle, data: &Data, inputs: &[usize], noise: Option<&
     }
     let likelihood = |data: &Data| weigh(vehicle, data, data.memory_s, noise);
     Some(likelihood(&still)?.bic_gain(&likelihood(data)?))
+}
+
+/// The vehicle with an unknown force on each state that is not an integral of another. The filter estimates
+/// the force as a random walk, and predictions hold it, so that unrecorded disturbances do not hide the
+/// response to commands.
+pub fn with_forces(vehicle: &Vehicle) -> Vehicle {
+    pushed(vehicle, (0..vehicle.states.len()).filter(|i| vehicle.kinematic_row(*i).is_none()))
 }
 
 /// Default prediction horizon, s: the vehicle's slowest time constant that a record of this length can show,

@@ -1,7 +1,6 @@
 //! Predictions of a record over a horizon, and the part of them that is due to the commands.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
-use whirlstand_ident::identify::forces::pushed;
 use whirlstand_logs::stats::mean;
 use whirlstand_vehicle::Vehicle;
 
@@ -107,13 +106,6 @@ pub(super) fn blocks(
     let spread: f64 = sums.iter().map(|b| (b - middle).powi(2)).sum();
     let error = (spread / (sums.len() * (sums.len() - 1)) as f64).sqrt();
     (error > 0.0).then(|| (middle / error, sums.len()))
-}
-
-/// The vehicle with an unknown force on each state that is not an integral of another. The filter estimates
-/// the force as a random walk, and predictions hold it, so that unrecorded disturbances do not hide the
-/// response to commands.
-pub(super) fn with_forces(vehicle: &Vehicle) -> Vehicle {
-    pushed(vehicle, (0..vehicle.states.len()).filter(|i| vehicle.kinematic_row(*i).is_none()))
 }
 
 /// Hypothesis to test about the commands' part in the predictions.

@@ -12,8 +12,9 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 use crate::answer::schema::{DataFinding, short};
 use crate::data::record::{Channel, Data};
+use crate::model::predictor::with_forces;
 use crate::model::predictor::{default_horizon_s, memories};
-use crate::screen::predictions::{Asked, Sample, Span, blocks, samples, told_by_commands, with_forces};
+use crate::screen::predictions::{Asked, Sample, Span, blocks, samples, told_by_commands};
 use crate::thresholds::{
     EXCESS_NOISE_RATIO, HORIZON_RECORD_SHARE, LATENESSES_S, LEAST_HORIZON_STEPS, MEMORY_GROWTH,
     MIN_HELD_OUT_SIGMAS,
@@ -244,12 +245,14 @@ fn finding(vehicle: &Vehicle, data: &Data, judged: &[usize], horizons: (usize, u
     DataFinding { kind: "vehicle".into(), place: names.join(","), text, blocking: true }
 }
 
-/// Channels that show more than the integral of another state, which any vehicle predicts; all channels,
-/// where there are no others.
+/// Channels that show more than the integral of what another one shows, which any vehicle predicts; all channels,
+/// where there are no others. A rate whose derivative nothing measures is no such integral.
 fn judged(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
+    let shows = |channel: &Channel, j: usize| vehicle.c[(channel.output, j)] != 0.0;
     let is_integral = |channel: &Channel| {
-        let mut shown = (0..vehicle.states.len()).filter(|j| vehicle.c[(channel.output, *j)] != 0.0);
-        shown.next().is_some_and(|j| vehicle.kinematic_row(j).is_some()) && shown.next().is_none()
+        let mut shown = (0..vehicle.states.len()).filter(|j| shows(channel, *j));
+        let of = shown.next().and_then(|j| vehicle.kinematic_row(j));
+        of.is_some_and(|(of, _)| data.channels.iter().any(|other| shows(other, of))) && shown.next().is_none()
     };
     let forces: Vec<usize> = (0..data.channels.len()).filter(|c| !is_integral(&data.channels[*c])).collect();
     if forces.is_empty() { (0..data.channels.len()).collect() } else { forces }
