@@ -2,10 +2,11 @@
 //! stated, and with which `identify` runs, or is refused for the right reason.
 
 use std::path::Path;
+use std::sync::OnceLock;
 
 use crate::support::{json, run};
 use serde_json::Value;
-use whirlstand_test_harness::{Outcome, data, noise};
+use whirlstand_test_harness::{Missing, Outcome, data, noise};
 
 /// Drafts a vehicle, checks what every draft must have, and returns the findings.
 fn drafted(log: &Path, folder: &Path) -> Value {
@@ -24,6 +25,31 @@ fn drafted(log: &Path, folder: &Path) -> Value {
     }
     run(["vehicle", "check", file.to_str().unwrap()]).success();
     found
+}
+
+/// A flight of which several tests need the draft: it is made once.
+struct Shared {
+    log: &'static str,
+    /// Text of the vehicle file, and the findings.
+    draft: OnceLock<(String, Value)>,
+}
+
+static SETPOINTS_ONLY: Shared = Shared { log: "kd0aij_S250_1kHz_log1.ulg", draft: OnceLock::new() };
+static WITH_A_GAP: Shared = Shared { log: "px4_AquaQuad.csv", draft: OnceLock::new() };
+
+impl Shared {
+    /// Paths of the log and of a copy of the vehicle file in a folder, and the findings.
+    fn drafted(&'static self, folder: &Path) -> Result<(String, String, &'static Value), Missing> {
+        let log = data()?.join("flights").join(self.log);
+        let (text, found) = self.draft.get_or_init(|| {
+            let dir = tempfile::tempdir().unwrap();
+            let found = drafted(&log, dir.path());
+            (std::fs::read_to_string(dir.path().join("drafted.toml")).unwrap(), found)
+        });
+        let file = folder.join("drafted.toml");
+        std::fs::write(&file, text).unwrap();
+        Ok((log.display().to_string(), file.display().to_string(), found))
+    }
 }
 
 /// Delay and lag of an axis together, s. A second pole that is fast is a lag.
@@ -58,7 +84,7 @@ fn the_motors_of_a_crazyflie_are_drafted_also_where_samples_were_lost() -> Outco
 }
 
 /// The message that refuses a log.
-fn refused(log: &str) -> Result<String, whirlstand_test_harness::Missing> {
+fn refused(log: &str) -> Result<String, Missing> {
     let path = data()?.join("flights").join(log);
     let finished = run(["vehicle", "new", path.to_str().unwrap()]);
     assert_eq!(finished.code(), 2, "{}\n{}", finished.stdout, finished.stderr);
@@ -96,50 +122,45 @@ fn a_pose_alone_is_refused_with_what_to_do() -> Outcome {
 }
 
 fn without_actuators_the_rate_follows_its_setpoint() -> Outcome {
-    let log = data()?.join("flights/kd0aij_S250_1kHz_log1.ulg");
     let dir = tempfile::tempdir().unwrap();
-    let found = drafted(&log, dir.path());
+    let (_, _, found) = SETPOINTS_ONLY.drafted(dir.path())?;
     for output in ["roll_rate", "pitch_rate"] {
-        let fit = axis(&found, output)["heldout"]["fit"].as_f64().unwrap();
+        let fit = axis(found, output)["heldout"]["fit"].as_f64().unwrap();
         assert!(fit > 0.0, "{output}: {fit} %");
     }
     Ok(())
 }
 
-fn flights_end_in_models_that_identify_takes_as_they_are() -> Outcome {
+/// Each axis has an input with a gain above two standard errors.
+fn assert_inputs_act(found: &Value) {
+    for axis in found["axes"].as_array().unwrap() {
+        let all = axis["parameters"].as_array().unwrap().iter();
+        let mut gains = all.filter(|p| p["name"].as_str().unwrap().starts_with("B["));
+        let known = |p: &Value| {
+            p["value"].as_f64().unwrap().abs() > 2.0 * p["standard_error"].as_f64().unwrap_or(f64::INFINITY)
+        };
+        assert!(gains.any(known), "{axis:#}");
+    }
+}
+
+fn flights_end_in_models_whose_inputs_act() -> Outcome {
     let flights = data()?.join("flights");
-    for log in ["px4_S250AQ.csv", "px4_AquaQuad.csv", "LOG00037.BFL", "btfl_002.bbl"] {
+    for log in ["px4_S250AQ.csv", "LOG00037.BFL", "btfl_002.bbl"] {
         let dir = tempfile::tempdir().unwrap();
-        let found = drafted(&flights.join(log), dir.path());
-        // Each axis has an input with a gain above two standard errors.
-        for axis in found["axes"].as_array().unwrap() {
-            let all = axis["parameters"].as_array().unwrap().iter();
-            let mut gains = all.filter(|p| p["name"].as_str().unwrap().starts_with("B["));
-            let known = |p: &Value| {
-                p["value"].as_f64().unwrap().abs()
-                    > 2.0 * p["standard_error"].as_f64().unwrap_or(f64::INFINITY)
-            };
-            assert!(gains.any(known), "{log}: {axis:#}");
-        }
+        assert_inputs_act(&drafted(&flights.join(log), dir.path()));
     }
     let dir = tempfile::tempdir().unwrap();
-    let log = flights.join("kd0aij_S250_1kHz_log1.ulg");
-    drafted(&log, dir.path());
-    let vehicle = dir.path().join("drafted.toml");
-    let call = ["identify", log.to_str().unwrap(), "--vehicle", vehicle.to_str().unwrap()];
-    // A vehicle that flies in closed loop need not be stable in open loop.
-    run(call.into_iter().chain(["--to", "20", "--noise", "kalman"])).success();
+    assert_inputs_act(WITH_A_GAP.drafted(dir.path())?.2);
     Ok(())
 }
 
 /// What `identify` makes of a draft on its own record is the draft again, though all axes are fitted together there: a
 /// vehicle flown in closed loop, whose inputs mostly answer forces that nobody measured.
 fn identify_finds_a_draft_again() -> Outcome {
-    let log = data()?.join("flights/px4_AquaQuad.csv");
     let dir = tempfile::tempdir().unwrap();
-    let draft = drafted(&log, dir.path());
+    let (log, vehicle, draft) = WITH_A_GAP.drafted(dir.path())?;
     let path = |name: &str| dir.path().join(name).display().to_string();
-    let call = ["identify", log.to_str().unwrap(), "--vehicle", &path("drafted.toml"), "--json"];
+    let call = ["identify", &log, "--vehicle", &vehicle, "--json"];
     run(call.into_iter().chain([path("fitted.json").as_str()])).success();
     let fitted = json(path("fitted.json"));
     let value = |all: &Value, name: &Value| {
@@ -166,20 +187,19 @@ fn identify_finds_a_draft_again() -> Outcome {
 /// also of a file from `identify`, and the extended vehicle keeps what the draft says. Both take the draft's steps, which
 /// are longer than the log's.
 fn what_a_draft_knows_of_its_log_is_kept() -> Outcome {
-    let log = data()?.join("flights/kd0aij_S250_1kHz_log1.ulg");
     let dir = tempfile::tempdir().unwrap();
-    let draft = drafted(&log, dir.path());
+    let (log, vehicle, draft) = SETPOINTS_ONLY.drafted(dir.path())?;
     let path = |name: &str| dir.path().join(name).display().to_string();
-    let log = log.to_str().unwrap();
-    let fitted = ["identify", log, "--vehicle", &path("drafted.toml"), "--to", "20", "--noise", "kalman"];
+    let fitted = ["identify", &log, "--vehicle", &vehicle, "--to", "20", "--noise", "kalman"];
+    // A vehicle that flies in closed loop need not be stable in open loop.
     run(fitted.into_iter().chain(["--output", &path("fitted.toml")])).success();
-    for vehicle in ["drafted.toml", "fitted.toml"] {
+    for vehicle in [vehicle, path("fitted.toml")] {
         let (found, out) = (path("diagnosis.json"), path("out"));
-        let call = ["diagnose", log, "--vehicle", &path(vehicle), "--json", &found, "--out", &out];
+        let call = ["diagnose", &log, "--vehicle", &vehicle, "--json", &found, "--out", &out];
         run(call.into_iter().chain(["--from", "10", "--to", "30"])).success();
         let found = json(&found);
         let period_s = |answer: &Value| answer["period_s"].as_f64().unwrap();
-        assert!((period_s(&found) - period_s(&draft)).abs() < 1e-6, "{vehicle}: {}", found["period_s"]);
+        assert!((period_s(&found) - period_s(draft)).abs() < 1e-6, "{vehicle}: {}", found["period_s"]);
         for (name, output) in found["outputs"].as_object().unwrap() {
             assert!(output["noise_model_share"].is_number(), "{vehicle}, {name}: {output}");
         }
@@ -188,7 +208,7 @@ fn what_a_draft_knows_of_its_log_is_kept() -> Outcome {
                 let text = std::fs::read_to_string(file).unwrap();
                 text.lines().filter(|line| line.starts_with("noise = ")).count()
             };
-            assert_eq!(noise(extended), noise(&path(vehicle)), "{vehicle}");
+            assert_eq!(noise(extended), noise(&vehicle), "{vehicle}");
         }
     }
     Ok(())
@@ -202,6 +222,6 @@ whirlstand_test_harness::listed!(
     a_slow_log_is_refused_with_its_rates,
     a_pose_alone_is_refused_with_what_to_do,
     without_actuators_the_rate_follows_its_setpoint,
-    flights_end_in_models_that_identify_takes_as_they_are,
+    flights_end_in_models_whose_inputs_act,
     the_motors_of_a_crazyflie_are_drafted_also_where_samples_were_lost,
 );

@@ -124,7 +124,7 @@ fn a_push_shorter_than_the_response_is_not_known_better_than_its_area() {
         let push = [("at_s", 12.0), ("magnitude", 3.0), ("duration_s", 0.04)];
         let answer = diagnosis(fly(&with(Kind::PulseDisturbance, "pitch_rate", &push), seed));
         names(&answer, "pulse_disturbance", "pitch_rate");
-        let [size, duration] = ["magnitude", "duration_s"].map(|name| answer.causes[0].parameters[name]);
+        let [size, duration] = ["magnitude", "duration_s"].map(|name| &answer.causes[0].parameters[name]);
         let area = size.value * duration.value;
         assert!((area / 0.12 - 1.0).abs() < 0.1, "{area}");
         assert!(duration.low < 0.03 && size.high > 1.2 * size.value, "{duration:?}, {size:?}");
