@@ -140,8 +140,10 @@ impl<'m, 'r, 'd> ProfileLikelihood<'m, 'r, 'd> {
             at = match outside {
                 None => within(value + (at - value) * (1.0 / sigmas).min(3.0)),
                 Some((out, beyond)) => {
-                    let share = (1.0 - inside.1) / (beyond - inside.1);
-                    let share = if share.is_finite() { share.clamp(0.1, 0.9) } else { 0.5 };
+                    // Where the record shows nothing at all, or no vehicle is possible, there is no proportion.
+                    let is_curved = inside.1 > 0.0 && beyond.is_finite();
+                    let share = if is_curved { (1.0 - inside.1) / (beyond - inside.1) } else { 0.5 };
+                    let share = share.clamp(0.1, 0.9);
                     inside.0 + share * (out - inside.0)
                 }
             };
