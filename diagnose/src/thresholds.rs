@@ -69,7 +69,7 @@ pub(crate) const DESCENT_LIMITS: Limits = Limits {
 /// freedom (Wilks 1938).
 pub(crate) const INTERVAL_SIGMAS: f64 = 1.959_963_984_540_054;
 /// Relative error of an interval's half-width that is not worth another fit: a tenth, which moves the coverage of 95 % by
-/// two hundredths.
+/// two to three hundredths.
 pub(crate) const PARABOLA_TOLERANCE: f64 = 0.1;
 /// Fits in the search for one end of an interval. Cost.
 pub(crate) const INTERVAL_EVALUATIONS: usize = 10;

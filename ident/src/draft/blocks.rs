@@ -80,22 +80,15 @@ fn probe(input: &str, output: &str) -> Vehicle {
 }
 
 impl Pair {
-    /// Splits the record in three ways, each with another third held out: the last of every three blocks in the first.
-    /// Together they predict all of the record (cross-validation: Stone, J. R. Stat. Soc. B 36, 1974), so that no
-    /// conclusion depends on which manoeuvres a third happens to contain. None when the record is too short to hold data
-    /// out.
+    /// Splits the record; `None` when it is too short to hold data out.
     ///
     /// # Errors
     /// When the record has no grid, or lacks a signal.
-    pub fn folds(record: &Record, input: &str, output: &str) -> Result<Vec<Self>, IdentifyError> {
+    pub fn new(record: &Record, input: &str, output: &str) -> Result<Option<Self>, IdentifyError> {
         let whole = Segment::unbroken(record, &probe(input, output), None, (None, None))?;
-        Ok([2, 0, 1].into_iter().filter_map(|third| Self::of(split(&whole, third))).collect())
-    }
-
-    /// The pair with these fitted and held-out data; `None` when there are none of one of them.
-    fn of((mut fitted, mut held): (Vec<Segment>, Vec<Segment>)) -> Option<Self> {
+        let (mut fitted, mut held) = split(&whole);
         if fitted.is_empty() || held.is_empty() {
-            return None;
+            return Ok(None);
         }
         let level = |of: fn(&Segment) -> &[f64]| {
             let known: Vec<f64> = fitted.iter().flat_map(of).copied().filter(|v| v.is_finite()).collect();
@@ -109,7 +102,7 @@ impl Pair {
             segment.outputs.iter_mut().for_each(|y| *y -= output_level);
         }
         let period_s = fitted[0].period_s;
-        Some(Self { fitted, held, input_level, output_level, input_spread, output_spread, period_s })
+        Ok(Some(Self { fitted, held, input_level, output_level, input_spread, output_spread, period_s }))
     }
 
     /// Total length of the held-out data, s.
@@ -131,9 +124,9 @@ fn part(segment: &Segment, from: usize, until: usize) -> Segment {
     }
 }
 
-/// Fitted and held-out data: of every three blocks one is held out (`third`, from 0), so that both cover the whole
+/// Fitted and held-out data: of every three blocks the third is held out, so that both cover the whole
 /// flight. Parts of a record with gaps that are shorter than three blocks are blocks of their own.
-fn split(whole: &[Segment], third: usize) -> (Vec<Segment>, Vec<Segment>) {
+fn split(whole: &[Segment]) -> (Vec<Segment>, Vec<Segment>) {
     let steps: usize = whole.iter().map(|s| s.steps).sum();
     let block = (steps.min(MOST_STEPS) / BLOCKS).max(LEAST_STEPS);
     // Groups of three blocks; of a long record only every n-th group.
@@ -145,8 +138,8 @@ fn split(whole: &[Segment], third: usize) -> (Vec<Segment>, Vec<Segment>) {
         if groups == 0 && segment.steps >= LEAST_STEPS {
             short += 1;
             match (short - 1) % (3 * every) {
-                own if own == third => held.push(segment.clone()),
-                0..=2 => fitted.push(segment.clone()),
+                0 | 1 => fitted.push(segment.clone()),
+                2 => held.push(segment.clone()),
                 _ => {}
             }
         }
@@ -157,10 +150,9 @@ fn split(whole: &[Segment], third: usize) -> (Vec<Segment>, Vec<Segment>) {
             if (group - 1) % every != 0 {
                 continue;
             }
-            let [first, second] = [third, third + 1].map(|k| g * length + k * length / 3);
-            held.push(part(segment, first, second));
-            let around = [(g * length, first), (second, (g + 1) * length)];
-            fitted.extend(around.into_iter().filter(|(a, b)| b > a).map(|(a, b)| part(segment, a, b)));
+            let start = g * length;
+            fitted.push(part(segment, start, start + 2 * length / 3));
+            held.push(part(segment, start + 2 * length / 3, start + length));
         }
     }
     (fitted, held)
@@ -217,15 +209,10 @@ mod tests {
         let mut record = Record::new("x", (0..3000).map(|k| k as f64 * 0.01).collect()).unwrap();
         record.push("u", "", (0..3000).map(|k| 5.0 + f64::from(k % 7)).collect()).unwrap();
         record.push("y", "", (0..3000).map(|k| (k as f64 * 0.1).sin() - 2.0).collect()).unwrap();
-        let pair = Pair::folds(&record, "u", "y").unwrap().swap_remove(0);
+        let pair = Pair::new(&record, "u", "y").unwrap().unwrap();
         let steps = |segments: &[Segment]| segments.iter().map(|s| s.steps).sum::<usize>();
         assert_eq!((steps(&pair.fitted), steps(&pair.held)), (2000, 1000));
         assert_eq!((pair.fitted.len(), pair.held.len()), (4, 4));
-        let folds = Pair::folds(&record, "u", "y").unwrap();
-        let mut held: Vec<u64> = folds.iter().flat_map(|p| &p.held).map(|s| s.first_step).collect();
-        held.sort_unstable();
-        assert_eq!(held, (0..12).map(|block| 250 * block).collect::<Vec<u64>>(), "each once in three folds");
-        assert!(folds.iter().all(|p| (steps(&p.fitted), steps(&p.held)) == (2000, 1000)));
         assert!((pair.input_level - 8.0).abs() < 0.02 && (pair.output_level + 2.0).abs() < 0.02);
         assert!((pair.held_s() - 10.0).abs() < 1e-9);
         // cos(10 t) falls to one half at t = pi / 30.
@@ -241,7 +228,7 @@ mod tests {
             Record::new("x", (0..2000).map(|k| k as f64 * 0.01 + (k / 400) as f64).collect()).unwrap();
         record.push("u", "", (0..2000).map(|k| f64::from(k % 7)).collect()).unwrap();
         record.push("y", "", (0..2000).map(|k| (k as f64 * 0.1).sin()).collect()).unwrap();
-        let pair = Pair::folds(&record, "u", "y").unwrap().swap_remove(0);
+        let pair = Pair::new(&record, "u", "y").unwrap().unwrap();
         let steps = |segments: &[Segment]| segments.iter().map(|s| s.steps).collect::<Vec<_>>();
         assert_eq!((steps(&pair.fitted), steps(&pair.held)), (vec![400; 4], vec![400]));
     }
@@ -251,6 +238,6 @@ mod tests {
         let mut record = Record::new("x", (0..150).map(|k| k as f64 * 0.01).collect()).unwrap();
         record.push("u", "", (0..150).map(f64::from).collect()).unwrap();
         record.push("y", "", (0..150).map(f64::from).collect()).unwrap();
-        assert!(Pair::folds(&record, "u", "y").unwrap().is_empty());
+        assert!(Pair::new(&record, "u", "y").unwrap().is_none());
     }
 }

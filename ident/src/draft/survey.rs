@@ -39,9 +39,9 @@ pub struct Link {
     pub pair: Pair,
     /// Prediction horizon, steps.
     pub horizon: usize,
-    /// Errors of the prediction from the output's own past alone, on the held-out data of `pair`.
+    /// Errors of the prediction from the output's own past alone.
     pub own_past: Vec<f64>,
-    /// Comparison of the prediction from the past alone with that from past and input, over all of the record.
+    /// Comparison of the prediction from the past alone with that from past and input.
     pub comparison: Comparison,
 }
 
@@ -184,23 +184,18 @@ fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
 }
 
 fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>, DraftError> {
-    let folds = Pair::folds(record, &input.name, &output.name)?;
-    let Some(pair) = folds.first() else { return Ok(None) };
+    let Some(pair) = Pair::new(record, &input.name, &output.name)? else { return Ok(None) };
     let slowest = [input, output].iter().filter_map(|c| interval(record, c)).fold(0.0, f64::max);
-    let compared = horizons(pair, slowest).into_iter().filter_map(|horizon| {
-        let errors = |with_input: bool| {
-            let of = |fold: &Pair| regression_errors(fold, horizon, with_input);
-            folds.iter().map(of).collect::<Option<Vec<_>>>()
-        };
-        let (mut own_past, with_input) = (errors(false)?, errors(true)?);
-        let comparison = compare(&own_past.concat(), &with_input.concat())?;
-        Some((horizon, comparison, own_past.swap_remove(0)))
+    let compared = horizons(&pair, slowest).into_iter().filter_map(|horizon| {
+        let own_past = regression_errors(&pair, horizon, false)?;
+        let with_input = regression_errors(&pair, horizon, true)?;
+        Some((horizon, compare(&own_past, &with_input)?, own_past))
     });
     let clearest = compared.max_by(|a, b| a.1.sigmas.total_cmp(&b.1.sigmas));
     Ok(clearest.map(|(horizon, comparison, own_past)| Link {
         input: input.clone(),
         output: output.clone(),
-        pair: pair.clone(),
+        pair,
         horizon,
         own_past,
         comparison,
