@@ -139,7 +139,7 @@ fn assert_inputs_act(found: &Value) {
         let known = |p: &Value| {
             p["value"].as_f64().unwrap().abs() > 2.0 * p["standard_error"].as_f64().unwrap_or(f64::INFINITY)
         };
-        assert!(gains.any(known), "{axis:#}");
+        assert!(gains.any(known), "{}: {axis:#}", found["log"]);
     }
 }
 
