@@ -18,6 +18,7 @@ mod log_segments;
 mod mirror_bridged;
 mod pages;
 mod px4_station;
+mod rejection_in_realtime;
 mod residue;
 mod supervisor;
 mod support;
@@ -32,6 +33,7 @@ whirlstand_test_harness::suites!(
     bridge_crsf,
     bridge_check,
     autopilot_faults,
+    rejection_in_realtime,
     bridge_verdict,
     px4_station,
     autopilots,

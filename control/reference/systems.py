@@ -8,7 +8,7 @@ PERIOD = 0.005
 
 
 class SplitMix:
-    """SplitMix64 (Steele, Lea and Flood 2014); tests/support/mod.rs has the same."""
+    """SplitMix64 (Steele, Lea and Flood 2014); tests/suite/support/mod.rs has the same."""
 
     MASK = (1 << 64) - 1
 

@@ -9,6 +9,7 @@ pub mod devtools;
 pub mod flight;
 pub mod flood;
 pub mod foreign;
+pub mod gusts;
 pub mod mavlink;
 pub mod page;
 pub mod radio;

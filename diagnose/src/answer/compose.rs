@@ -94,7 +94,7 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     if let Some(unforeseen) = claims.then(|| unforeseen(&findings, data, answer.verdict)).flatten() {
         if answer.verdict == Verdict::Consistent {
             answer.verdict = Verdict::Unexplained;
-            answer.unexplained.description = format!("{unforeseen}.");
+            answer.unexplained.description = format!("{}.", unforeseen.replacen("held-out", "Held-out", 1));
         } else {
             doubts.push(unforeseen);
         }

@@ -164,13 +164,11 @@ impl Columns {
             }
         }
         let (of_time, of_signals): (Vec<_>, Vec<_>) = mappings.iter().cloned().partition(|m| m.name == "t");
-        let (time, time_unit) = match resolve(&offered, &of_time, false, &origin)?.0.first() {
-            Some(mapped) => (mapped.source, mapped.unit),
-            None if offered.first().is_some_and(is_time) => {
-                let t: Mapping = format!("t={}", offered[0].name).parse()?;
-                (0, resolve(&offered, &[t], false, &origin)?.0[0].unit)
-            }
-            None => {
+        let mapped = resolve(&offered, &of_time, false, &origin)?.0.first().map(|m| (m.source, m.unit));
+        let (time, time_unit) = match (mapped, offered.first().and_then(time_mapping)) {
+            (Some(mapped), _) => mapped,
+            (None, Some(named)) => (0, resolve(&offered, &[named.parse()?], false, &origin)?.0[0].unit),
+            (None, None) => {
                 let found = excerpt(heads.first().map_or("", String::as_str));
                 let heads: Vec<String> = heads.iter().map(|head| excerpt(head)).collect();
                 let listed = heads.iter().take(COLUMNS_TOLD).map(|head| format!("'{head}'"));
@@ -201,9 +199,18 @@ impl Columns {
     }
 }
 
-/// Whether a column is the time by its name: `t`, or `time` with a unit.
-fn is_time(source: &Source) -> bool {
-    source.name == "t" || source.name.eq_ignore_ascii_case("time") && source.unit.is_some()
+/// The mapping of a column that is the time by its name: `t`, or a usual name with a unit, which may be its ending, as in
+/// `time_s` and `timestamp_us`. Such a name without a unit is ambiguous.
+fn time_mapping(source: &Source) -> Option<String> {
+    const NAMES: [&str; 3] = ["t", "time", "timestamp"];
+    let Source { name, unit } = source;
+    let lower = name.to_ascii_lowercase();
+    if name == "t" || unit.is_some() && NAMES.contains(&lower.as_str()) {
+        return Some(format!("t={name}"));
+    }
+    let (stem, ending) = lower.rsplit_once('_')?;
+    let is_told = unit.is_none() && NAMES.contains(&stem) && ["s", "ms", "us"].contains(&ending);
+    is_told.then(|| format!("t={name}[{ending}]"))
 }
 
 /// What is wrong with the contents of a cell.

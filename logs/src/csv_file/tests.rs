@@ -31,6 +31,13 @@ fn time_may_be_samples_or_another_column() {
     // A head as spreadsheets and plotting programs write it; without a unit it is ambiguous.
     assert_eq!(parse("Time [ms],y\n0,1\n1,2\n", &[]).unwrap().time, [0.0, 1e-3]);
     assert!(parse("time,y\n0,1\n1,2\n", &[]).is_err());
+    // Or as programs that write tables do.
+    for (head, period) in [("t_s", 1.0), ("time_ms", 1e-3), ("timestamp_us", 1e-6), ("Timestamp[us]", 1e-6)] {
+        assert_eq!(parse(&format!("{head},y\n0,1\n1,2\n"), &[]).unwrap().time, [0.0, period], "{head}");
+    }
+    for head in ["time_h", "t_start", "timestamp", "s"] {
+        assert!(parse(&format!("{head},y\n0,1\n1,2\n"), &[]).is_err(), "{head}");
+    }
 }
 
 #[test]
@@ -77,11 +84,11 @@ fn errors_name_file_line_and_column() {
     let cases = [
         (
             "",
-            "flight.csv, line 1: the first column is '', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of none",
+            "flight.csv, line 1: the first column is '', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of none",
         ),
         (
             "time,y\n0,1\n",
-            "flight.csv, line 1: the first column is 'time', expected t, t[unit] or time[unit]; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of 'time', 'y'",
+            "flight.csv, line 1: the first column is 'time', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of 'time', 'y'",
         ),
         ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
         ("t,y\n0,1\n0,2\n", "flight.csv, line 3: time 0 is not after 0; it must increase from line to line"),

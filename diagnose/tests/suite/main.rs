@@ -1,0 +1,8 @@
+//! Diagnoses of simulated records.
+
+mod diagnose;
+mod diagnose_alike;
+mod diagnose_together;
+mod flight_records;
+mod screen;
+mod support;

@@ -1,0 +1,6 @@
+//! Identification from simulated records.
+
+mod hidden_truth;
+mod records;
+mod support;
+mod windows;

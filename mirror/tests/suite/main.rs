@@ -1,0 +1,5 @@
+//! The mirror beside simulated flights.
+
+mod mirror;
+mod real;
+mod support;
