@@ -1,5 +1,5 @@
-//! Whole-process tests that wait for most of their time, for flights in real time and time limits to end. Twice as many
-//! run at a time as there are processors.
+//! Whole-process tests that wait for most of their time, for flights in real time and time limits to end. Three times
+//! as many run at a time as there are processors.
 
 mod autopilot_faults;
 mod autopilots;

@@ -1,9 +1,7 @@
 //! Prediction-error search with a Kalman filter: start values, then optimisation.
 
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 
-use super::axes::{Axis, Part};
 use super::data::Segment;
 use super::filter_error::Likelihood;
 use super::fitted::{Fit, NoiseFit, bounds, no_nuisances};
@@ -18,8 +16,6 @@ use crate::watch::Watch;
 const MOST_SEARCHED: usize = 4;
 /// Steps of a short search.
 const SHORT: usize = 12;
-/// Most steps of a search to its end.
-const LONG: usize = 60;
 
 /// Parameters and noises at the start of a search.
 #[derive(Debug, Clone)]
@@ -30,56 +26,10 @@ pub struct Start {
     pub noise: Vec<f64>,
 }
 
-/// Start of the search of a whole vehicle. Where it has axes that know nothing of each other, each is fitted alone first:
-/// together they are at the maximum of all then.
+/// Start of the search. An equation-error fit to the data with the best short predictions suffices, since the
+/// filter follows the record. Short searches from it, from the vehicle file's own values and from further starts of
+/// the caller decide, as the likelihood of a start depends on the noises, which no start includes.
 pub fn kalman_start(
-    problem: &Problem,
-    structure: &NoiseStructure,
-    segments: &[Segment],
-    extra: &[Vec<f64>],
-    watch: &Watch,
-) -> Start {
-    let axes = Axis::of(problem);
-    if axes.len() < 2 {
-        return axis_start(problem, structure, segments, extra, watch);
-    }
-    let wide = with_forces(problem, structure);
-    let mut start = Start {
-        theta: start::given(problem),
-        noise: first_noise(&wide, segments, structure).iter().map(|n| n.start).collect(),
-    };
-    let fitted = |axis: &Axis| {
-        let Part { problem, structure, segments, noises } = axis.part(problem, structure, segments);
-        let extra: Vec<Vec<f64>> =
-            extra.iter().map(|theta| axis.parameters.iter().map(|k| theta[*k]).collect()).collect();
-        let start = axis_start(&problem, &structure, &segments, &extra, watch);
-        let wide = with_forces(&problem, &structure);
-        let found = climb(&wide, &structure, &segments, &start, LONG, watch);
-        (found.map_or(start, |(found, _)| split(&found.unknowns, problem.parameters.len())), noises)
-    };
-    let found: Vec<(Start, Vec<usize>)> = axes.par_iter().map(fitted).collect();
-    for (axis, (found, noises)) in axes.iter().zip(found) {
-        for (k, value) in axis.parameters.iter().zip(found.theta) {
-            start.theta[*k] = value;
-        }
-        for (k, value) in noises.into_iter().zip(found.noise) {
-            start.noise[k] = value;
-        }
-    }
-    start
-}
-
-/// Unknowns of a fit as a start.
-fn split(unknowns: &[f64], parameters: usize) -> Start {
-    let (theta, noise) = unknowns.split_at(parameters);
-    Start { theta: theta.to_vec(), noise: noise.to_vec() }
-}
-
-/// Start of the search of one axis, or of a vehicle whose axes are coupled. An equation-error fit to the data with the best
-/// short predictions suffices, since the filter follows the record. Short searches from it, from the vehicle file's own
-/// values and from further starts of the caller decide, as the likelihood of a start depends on the noises, which no start
-/// includes.
-fn axis_start(
     problem: &Problem,
     structure: &NoiseStructure,
     segments: &[Segment],
@@ -114,7 +64,10 @@ fn axis_start(
     }
     let found = starts.iter().filter_map(|start| climb(&wide, structure, segments, start, SHORT, watch));
     match found.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost)) {
-        Some((found, _)) => split(&found.unknowns, problem.parameters.len()),
+        Some((found, _)) => {
+            let (theta, noise) = found.unknowns.split_at(problem.parameters.len());
+            Start { theta: theta.to_vec(), noise: noise.to_vec() }
+        }
         None => starts.swap_remove(0),
     }
 }
@@ -200,7 +153,7 @@ pub fn kalman(
 ) -> Option<(Fit, DMatrix<f64>)> {
     let np = problem.parameters.len();
     let wide = with_forces(problem, structure);
-    let (found, outcome) = climb(&wide, structure, segments, start, LONG, watch)?;
+    let (found, outcome) = climb(&wide, structure, segments, start, 60, watch)?;
     let information = spread::marginal(&found.information, np)?;
     let covariance = super::normal::pseudo_inverse(&information)?;
     let fit = Fit {

@@ -7,7 +7,6 @@
 pub mod align;
 pub mod answer;
 pub mod ar;
-mod axes;
 pub mod batch;
 pub mod data;
 mod disturbed;
