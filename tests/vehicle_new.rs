@@ -155,14 +155,21 @@ fn flights_end_in_models_whose_inputs_act() -> Outcome {
 }
 
 /// What `identify` makes of a draft on its own record is the draft again, though all axes are fitted together there: a
-/// vehicle flown in closed loop, whose inputs mostly answer forces that nobody measured.
+/// vehicle flown in closed loop, whose inputs mostly answer forces that nobody measured. What it makes of its own file is
+/// no less likely than that file.
 fn identify_finds_a_draft_again() -> Outcome {
     let dir = tempfile::tempdir().unwrap();
     let (log, vehicle, draft) = WITH_A_GAP.drafted(dir.path())?;
-    let path = |name: &str| dir.path().join(name).display().to_string();
-    let call = ["identify", &log, "--vehicle", &vehicle, "--json"];
-    run(call.into_iter().chain([path("fitted.json").as_str()])).success();
-    let fitted = json(path("fitted.json"));
+    let identified = |vehicle: &str, name: &str| {
+        let path = |end: &str| dir.path().join(format!("{name}.{end}")).display().to_string();
+        let (found, file) = (path("json"), path("toml"));
+        run(["identify", &log, "--vehicle", vehicle, "--json", &found, "--output", &file]).success();
+        (json(found), file)
+    };
+    let (fitted, file) = identified(&vehicle, "fitted");
+    let (again, _) = identified(&file, "again");
+    let cost = |answer: &Value| answer["search"]["cost"].as_f64().unwrap();
+    assert!(cost(&again) < cost(&fitted) + 0.5, "{} {}", fitted["search"], again["search"]);
     let value = |all: &Value, name: &Value| {
         let of = all.as_array().unwrap().iter().find(|p| p["name"] == *name);
         of.unwrap_or_else(|| panic!("{name} in {all}"))["value"].as_f64().unwrap()

@@ -16,6 +16,8 @@ use crate::watch::Watch;
 const MOST_SEARCHED: usize = 4;
 /// Steps of a short search.
 const SHORT: usize = 12;
+/// Most steps of a search to its end.
+const LONG: usize = 60;
 
 /// Parameters and noises at the start of a search.
 #[derive(Debug, Clone)]
@@ -54,9 +56,10 @@ pub fn kalman_start(
         all.into_iter().take(most).map(|(_, theta)| Start { theta, noise: noise.clone() }).collect()
     };
     let mut starts = ranked(start::candidates(problem, segments), 1);
-    let given = start::given(problem);
-    if starts.iter().all(|start| start.theta != given) {
-        starts.push(Start { theta: given, noise: noise.clone() });
+    let given = Start { theta: start::given(problem), noise: noise.clone() };
+    starts.extend(settled(&wide, structure, segments, &given, watch));
+    if starts.iter().all(|start| start.theta != given.theta || start.noise != given.noise) {
+        starts.push(given);
     }
     starts.extend(ranked(extra.to_vec(), MOST_SEARCHED));
     if starts.len() == 1 || watch.is_stopped() {
@@ -70,6 +73,22 @@ pub fn kalman_start(
         }
         None => starts.swap_remove(0),
     }
+}
+
+/// A start with the noises that are likeliest beside its parameters. From a file that was fitted before, a search thus
+/// begins at what was found and cannot end at less; from noises that only follow the record it may leave for another valley.
+fn settled(
+    problem: &Problem,
+    structure: &NoiseStructure,
+    segments: &[Segment],
+    start: &Start,
+    watch: &Watch,
+) -> Option<Start> {
+    let vehicle = problem.vehicle_at(&start.theta);
+    let fixed = Problem { vehicle, parameters: Vec::new(), ..problem.clone() };
+    let noises = Start { theta: Vec::new(), noise: start.noise.clone() };
+    let (found, _) = climb(&fixed, structure, segments, &noises, LONG, watch)?;
+    Some(Start { theta: start.theta.clone(), noise: found.unknowns })
 }
 
 /// Logarithm of a noise's standard deviation: where the search begins and the limits within which it stays.
@@ -153,7 +172,7 @@ pub fn kalman(
 ) -> Option<(Fit, DMatrix<f64>)> {
     let np = problem.parameters.len();
     let wide = with_forces(problem, structure);
-    let (found, outcome) = climb(&wide, structure, segments, start, 60, watch)?;
+    let (found, outcome) = climb(&wide, structure, segments, start, LONG, watch)?;
     let information = spread::marginal(&found.information, np)?;
     let covariance = super::normal::pseudo_inverse(&information)?;
     let fit = Fit {
