@@ -1,5 +1,5 @@
-//! Whole-process tests that wait for most of their time, for flights in real time and time limits to end. Three times
-//! as many run at a time as there are processors.
+//! Whole-process tests that wait for most of their time, for flights in real time and time limits to end. Twice as many
+//! run at a time as there are processors.
 
 mod autopilot_faults;
 mod autopilots;
@@ -29,11 +29,11 @@ mod verdict;
 whirlstand_test_harness::suites!(
     whirlstand_test_harness::run_waiting:
     mirror_bridged,
+    rejection_in_realtime,
     residue,
     bridge_crsf,
     bridge_check,
     autopilot_faults,
-    rejection_in_realtime,
     bridge_verdict,
     px4_station,
     autopilots,

@@ -21,9 +21,12 @@ const FLIGHTS: [&str; 12] = [
     "helicopter-longitudinal-smc",
 ];
 
+/// Number of concurrent flights: processors wait for the bus in between.
+const AT_ONCE: usize = 6;
+
 fn in_lockstep(transport: &str) {
     let dir = tempfile::tempdir().unwrap();
-    fly_all(&FLIGHTS, "lockstep", transport, dir.path(), |Flown { launch, end, out }| {
+    fly_all((&FLIGHTS, AT_ONCE), ("lockstep", transport), dir.path(), |Flown { launch, end, out }| {
         assert_rejected(&format!("{launch}, lockstep, {transport}"), end, &out);
     });
 }

@@ -7,9 +7,6 @@ use super::{Finished, Running, json, spawn, whirlstand};
 /// The gust acts at 6 s, and the slowest loop has recovered 14 s later.
 const LONG_ENOUGH_S: &str = "24";
 
-/// Number of concurrent flights: those in realtime need little processor time, but a late node costs a step.
-const AT_ONCE: usize = 6;
-
 /// Starts a flight of a built-in launch file.
 pub fn start(launch: &str, mode: &str, transport: &str, out: &Path) -> Running {
     let args = ["run", launch, "--mode", mode, "--transport", transport, "--out", out.to_str().unwrap()];
@@ -43,15 +40,14 @@ pub struct Flown<'a> {
     pub out: PathBuf,
 }
 
-/// Flies these in batches, and passes each flight to `judge` once its batch has ended.
+/// Flies these in batches of `at_once`, and passes each flight to `judge` once its batch has ended.
 pub fn fly_all(
-    flights: &'static [&str],
-    mode: &str,
-    transport: &str,
+    (flights, at_once): (&'static [&str], usize),
+    (mode, transport): (&str, &str),
     dir: &Path,
     mut judge: impl FnMut(Flown),
 ) {
-    for batch in flights.chunks(AT_ONCE) {
+    for batch in flights.chunks(at_once) {
         let started: Vec<_> = batch
             .iter()
             .map(|launch| {

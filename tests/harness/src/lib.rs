@@ -82,10 +82,10 @@ pub fn run(tests: Vec<Test>) -> ExitCode {
     run_with(tests, processors() + 1)
 }
 
-/// Runs tests that wait for most of their time, for a flight in real time or a time limit to end: three times as many at
-/// a time as there are processors.
+/// Runs tests that wait for most of their time, for a flight in real time or a time limit to end: twice as many at a time
+/// as there are processors.
 pub fn run_waiting(tests: Vec<Test>) -> ExitCode {
-    run_with(tests, 3 * processors())
+    run_with(tests, 2 * processors())
 }
 
 fn processors() -> usize {
