@@ -29,12 +29,12 @@ mod verdict;
 whirlstand_test_harness::suites!(
     whirlstand_test_harness::run_waiting:
     mirror_bridged,
-    rejection_in_realtime,
     residue,
     bridge_crsf,
     bridge_check,
     autopilot_faults,
     bridge_verdict,
+    rejection_in_realtime,
     px4_station,
     autopilots,
     betaflight,

@@ -97,6 +97,35 @@ struct Pair {
     inverse: f64,
 }
 
+impl Pair {
+    /// Applies a command, and writes the outputs on both sides.
+    fn measure(&mut self, u: &[f64], offsets: &[f64], above: &mut [f64], below: &mut [f64]) {
+        for (simulator, y, side) in [(&mut self.above, above, 1.0), (&mut self.below, below, -1.0)] {
+            simulator.apply(u);
+            y.copy_from_slice(simulator.measure());
+            y.iter_mut().zip(offsets).for_each(|(y, o)| *y += o);
+            if let Some((output, size)) = self.offset {
+                y[output] += side * size;
+            }
+        }
+    }
+
+    /// Corrects both states by the innovations of step `k`.
+    fn correct(
+        &mut self,
+        gains: &Gains,
+        (k, measured): (usize, &[f64]),
+        (above, below): (&[f64], &[f64]),
+        change: &mut [f64],
+    ) {
+        let moved = |side: fn((usize, f64, f64)) -> (usize, f64)| self.moved.map(side);
+        gains.change(k, measured, above, moved(|(i, a, _)| (i, a)), change);
+        self.above.correct(change);
+        gains.change(k, measured, below, moved(|(i, _, b)| (i, b)), change);
+        self.below.correct(change);
+    }
+}
+
 impl<'p> Simulated<'p> {
     /// The simulators at `theta`, predicting with `gains` or running freely without; `None` when one has no
     /// finite discretisation.
@@ -219,27 +248,14 @@ impl Sweep for Simulated<'_> {
             predicted.copy_from_slice(centre.measure());
             predicted.iter_mut().zip(offsets).for_each(|(y, o)| *y += o);
             for (column, pair) in perturbed.iter_mut().enumerate() {
-                for (simulator, y, side) in
-                    [(&mut pair.above, &mut above, 1.0), (&mut pair.below, &mut below, -1.0)]
-                {
-                    simulator.apply(u);
-                    y.copy_from_slice(simulator.measure());
-                    y.iter_mut().zip(offsets).for_each(|(y, o)| *y += o);
-                    if let Some((output, size)) = pair.offset {
-                        y[output] += side * size;
-                    }
-                }
+                pair.measure(u, offsets, &mut above, &mut below);
                 for (i, (a, b)) in above.iter().zip(&below).enumerate() {
                     slopes[i * columns + column] = (a - b) * pair.inverse;
                 }
                 pair.above.advance();
                 pair.below.advance();
                 if let Some(gains) = self.gains {
-                    let moved = |side: fn((usize, f64, f64)) -> (usize, f64)| pair.moved.map(side);
-                    gains.change(k, measured, &above, moved(|(i, a, _)| (i, a)), &mut change);
-                    pair.above.correct(&change);
-                    gains.change(k, measured, &below, moved(|(i, _, b)| (i, b)), &mut change);
-                    pair.below.correct(&change);
+                    pair.correct(gains, (k, measured), (&above, &below), &mut change);
                 }
             }
             if let Some(linear) = &self.linear {

@@ -1,7 +1,5 @@
 //! A vehicle bridge and a peer that speaks MAVLink to it, over no wire at all.
 
-#![allow(dead_code, reason = "shared by test files that each use a part")]
-
 use std::time::Duration;
 
 use whirlstand_bridge::arming::ArmBy;

@@ -1,5 +1,5 @@
 //! What the tests against reference tables share. `reference/systems.py` has the same plants.
-#![allow(dead_code, missing_docs)]
+#![allow(missing_docs)]
 
 use nalgebra::{Complex, DMatrix};
 use whirlstand_control::{Compensation, InputLimits, SampledPlant};

@@ -1,12 +1,9 @@
 //! Records of simulated flights and their diagnoses.
 
-// Each test file uses only a part of this module.
-#![allow(dead_code, unused_imports)]
-
 #[path = "../../../../ident/tests/suite/support/mod.rs"]
 mod flights;
 
-pub use flights::{changed, flight, pushed_flight, steered_flight, stick, with_gap};
+pub use flights::{changed, flight, pushed_flight, steered_flight, with_gap};
 use whirlstand_diagnose::{Diagnosis, Options, diagnose};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;

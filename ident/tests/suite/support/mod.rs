@@ -1,6 +1,6 @@
 //! Records of simulated flights.
 
-// Each test file uses a part of this.
+// Each of the programs that share it uses a part.
 #![allow(dead_code)]
 
 use std::f64::consts::TAU;
