@@ -66,6 +66,11 @@ use crate::model::{Engine, Input, Vehicle};
 /// Magnitude beyond which a state has diverged; it is held there, and [`Simulator::diverged`] is true.
 const LARGEST: f64 = 1e12;
 
+/// What a value that has diverged is held at; 0 when it is NaN, which may be of either sign.
+fn held(value: f64) -> f64 {
+    if value.is_nan() { 0.0 } else { value.clamp(-LARGEST, LARGEST) }
+}
+
 /// Simulation of a vehicle: deterministic, and without allocation after construction.
 ///
 /// At step k, [`apply`](Self::apply) the command, [`measure`](Self::measure), then

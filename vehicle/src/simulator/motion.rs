@@ -2,7 +2,7 @@
 
 use super::kernel::State;
 use super::nonlinear::Work;
-use super::{Dynamics, LARGEST, Simulator};
+use super::{Dynamics, LARGEST, Simulator, held};
 
 impl Simulator {
     /// Advances to the next step under the input in force. Not inlined: its kernels are compiled here alone.
@@ -49,7 +49,7 @@ impl Simulator {
                 if z.as_ref().iter().fold(false, |any, v| any | beyond(v)) {
                     for (i, value) in z.as_mut().iter_mut().enumerate().filter(|(_, v)| beyond(v)) {
                         self.lost.get_or_insert(i);
-                        *value = if value.is_nan() { 0.0 } else { LARGEST.copysign(*value) };
+                        *value = held(*value);
                     }
                 }
                 self.step += 1;

@@ -142,7 +142,8 @@ impl Sensors {
         self.measured = None;
     }
 
-    /// Stores the values of delayed outputs at this offset of a step.
+    /// Stores the values of delayed outputs at this offset of a step, within which a state may have diverged: the
+    /// states are held at the step's end only.
     pub fn remember(&mut self, offset_s: f64, z: &[f64], v: &[f64]) {
         if !self.delayed {
             return;
@@ -150,7 +151,7 @@ impl Sensors {
         let tolerance = 2.0 * super::inputs::TIME_TOLERANCE * self.period_s;
         for sensor in &mut self.sensors {
             for tap in sensor.taps.iter_mut().filter(|tap| (tap.offset_s - offset_s).abs() <= tolerance) {
-                tap.push(sensor.lagged.value(z, v));
+                tap.push(super::held(sensor.lagged.value(z, v)));
             }
         }
     }
