@@ -18,7 +18,7 @@ fn drafted(log: &Path, folder: &Path) -> Value {
     assert_eq!(found["schema"], "whirlstand.vehicle_draft.v1");
     let text = std::fs::read_to_string(&file).unwrap();
     for axis in found["axes"].as_array().unwrap() {
-        let (fit, own) = (&axis["heldout"]["fit"], &axis["heldout"]["own_past_fit"]);
+        let (fit, own) = (&axis["heldout"]["completed_fit"], &axis["heldout"]["own_past_fit"]);
         assert!(fit.as_f64() > own.as_f64(), "{axis}");
         let named = format!("#   {} ", axis["output"].as_str().unwrap());
         assert!(text.contains(&named), "{named} is missing in\n{text}");

@@ -14,15 +14,14 @@ use crate::identify::fitted::{Fit, NoiseFit};
 use crate::identify::forces::with_forces;
 use crate::identify::predictor::{Gains, Pattern};
 
-/// Errors of predictions `horizon` steps ahead for a segment of one input and one output, one from each of
-/// `starts`, the last known steps; NaN where a value is missing. `None` when the filter has no steady state.
-pub fn errors(
+/// Forecasts over the steps that `inputs` predicts for a segment of one input and one output, one from each of `starts`, the last known
+/// steps, NaN where a value is missing; and the innovation of every step. `None` when the filter has no steady state.
+pub fn forecasts(
     fit: &Fit,
     inputs: &Regression,
     segment: &Segment,
     starts: &[usize],
-    horizon: usize,
-) -> Option<Vec<f64>> {
+) -> Option<(Vec<f64>, Vec<f64>)> {
     let NoiseFit::Kalman(structure, noise) = &fit.noise else { return None };
     let own = fit.frozen();
     let problem = with_forces(&own, structure);
@@ -31,21 +30,23 @@ pub fn errors(
     let mut simulator = Simulator::expected(&problem.vehicle, segment.period_s).ok()?;
     simulator.begin_at(segment.first_step);
     let mut change = vec![0.0; problem.n()];
-    let mut errors = Vec::with_capacity(starts.len());
+    let mut forecasts = Vec::with_capacity(starts.len());
+    let mut innovations = Vec::with_capacity(segment.steps);
     for k in 0..segment.steps {
         simulator.apply(&segment.inputs[k..=k]);
         let predicted = [simulator.measure()[0]];
+        innovations.push(segment.outputs[k] - predicted[0]);
         simulator.advance();
         gains.change(k, &segment.outputs[k..=k], &predicted, None, &mut change);
         simulator.correct(&change);
         if starts.binary_search(&k).is_ok() {
             let expected = inputs.predict(segment, k);
-            errors.push(expected.map_or(f64::NAN, |expected| {
-                segment.outputs[k + horizon] - run_ahead(simulator.clone(), expected.as_slice())
-            }));
+            forecasts.push(
+                expected.map_or(f64::NAN, |expected| run_ahead(simulator.clone(), expected.as_slice())),
+            );
         }
     }
-    Some(errors)
+    Some((forecasts, innovations))
 }
 
 /// Output at the last step of the given inputs, from a simulator that stands at the first.

@@ -91,6 +91,9 @@ pub struct HeldOut {
     pub fit: f64,
     /// Fit of a prediction from the output's own past alone, %.
     pub own_past_fit: f64,
+    /// Fit of the model with an autoregression of its innovations, %: where it is well above its own, the sensors or their
+    /// noise have a memory that the model lacks.
+    pub completed_fit: f64,
     /// Root mean square error of the predictions, SI.
     pub rmse: f64,
 }
@@ -120,12 +123,14 @@ impl AxisAnswer {
     pub fn sentence(&self) -> String {
         let h = &self.heldout;
         format!(
-            "{} {} s ahead on {} s of held-out data: fit {:.1} % ({:.1} % from its own past alone), error {}",
+            "{} {} s ahead on {} s of held-out data: fit {:.1} % ({:.1} % from its own past alone, {:.1} % with a \
+             memory of its errors), error {}",
             self.output,
             number(h.horizon_s),
             number(h.seconds),
             h.fit,
             h.own_past_fit,
+            h.completed_fit,
             shown(h.rmse, &self.unit)
         )
     }

@@ -23,6 +23,8 @@ pub struct Pair {
     pub fitted: Vec<Segment>,
     /// Held-out segments for validation.
     pub held: Vec<Segment>,
+    /// The same data in three parts that each cover the whole flight, for cross-validation; the last one is `held`.
+    pub folds: [Vec<Segment>; 3],
     /// Mean of the input over the fitted data, SI.
     pub input_level: f64,
     /// Mean of the output over the fitted data, SI.
@@ -86,8 +88,8 @@ impl Pair {
     /// When the record has no grid, or lacks a signal.
     pub fn new(record: &Record, input: &str, output: &str) -> Result<Option<Self>, IdentifyError> {
         let whole = Segment::unbroken(record, &probe(input, output), None, (None, None))?;
-        let (mut fitted, mut held) = split(&whole);
-        if fitted.is_empty() || held.is_empty() {
+        let Split { mut fitted, mut folds } = Split::of(&whole);
+        if fitted.is_empty() || folds.iter().any(Vec::is_empty) {
             return Ok(None);
         }
         let level = |of: fn(&Segment) -> &[f64]| {
@@ -97,12 +99,21 @@ impl Pair {
         };
         let (input_level, input_spread) = level(|s| &s.inputs);
         let (output_level, output_spread) = level(|s| &s.outputs);
-        for segment in fitted.iter_mut().chain(&mut held) {
+        for segment in fitted.iter_mut().chain(folds.iter_mut().flatten()) {
             segment.inputs.iter_mut().for_each(|u| *u -= input_level);
             segment.outputs.iter_mut().for_each(|y| *y -= output_level);
         }
-        let period_s = fitted[0].period_s;
-        Ok(Some(Self { fitted, held, input_level, output_level, input_spread, output_spread, period_s }))
+        let (period_s, held) = (fitted[0].period_s, folds[2].clone());
+        Ok(Some(Self {
+            fitted,
+            held,
+            folds,
+            input_level,
+            output_level,
+            input_spread,
+            output_spread,
+            period_s,
+        }))
     }
 
     /// Total length of the held-out data, s.
@@ -124,38 +135,47 @@ fn part(segment: &Segment, from: usize, until: usize) -> Segment {
     }
 }
 
-/// Fitted and held-out data: of every three blocks the third is held out, so that both cover the whole
-/// flight. Parts of a record with gaps that are shorter than three blocks are blocks of their own.
-fn split(whole: &[Segment]) -> (Vec<Segment>, Vec<Segment>) {
-    let steps: usize = whole.iter().map(|s| s.steps).sum();
-    let block = (steps.min(MOST_STEPS) / BLOCKS).max(LEAST_STEPS);
-    // Groups of three blocks; of a long record only every n-th group.
-    let every = steps.div_ceil(MOST_STEPS);
-    let (mut fitted, mut held) = (Vec::new(), Vec::new());
-    let (mut group, mut short) = (0, 0);
-    for segment in whole {
-        let groups = segment.steps / (3 * block);
-        if groups == 0 && segment.steps >= LEAST_STEPS {
-            short += 1;
-            match (short - 1) % (3 * every) {
-                0 | 1 => fitted.push(segment.clone()),
-                2 => held.push(segment.clone()),
-                _ => {}
+/// Fitted data, and the parts of a cross-validation: of every three blocks of the flight one belongs to each part, and the
+/// first two are the fitted data.
+struct Split {
+    fitted: Vec<Segment>,
+    folds: [Vec<Segment>; 3],
+}
+
+impl Split {
+    /// Parts of a record with gaps that are shorter than three blocks are blocks of their own.
+    fn of(whole: &[Segment]) -> Self {
+        let steps: usize = whole.iter().map(|s| s.steps).sum();
+        let block = (steps.min(MOST_STEPS) / BLOCKS).max(LEAST_STEPS);
+        // Groups of three blocks; of a long record an even share of them.
+        let share = (MOST_STEPS as f64 / steps as f64).min(1.0);
+        let taken = |group: usize| (share * (group + 1) as f64).ceil() > (share * group as f64).ceil();
+        let mut split = Self { fitted: Vec::new(), folds: Default::default() };
+        let (mut group, mut short) = (0, 0);
+        for segment in whole {
+            let groups = segment.steps / (3 * block);
+            if groups == 0 && segment.steps >= LEAST_STEPS {
+                if taken(short / 3) {
+                    split.folds[short % 3].push(segment.clone());
+                    split.fitted.extend((short % 3 < 2).then(|| segment.clone()));
+                }
+                short += 1;
+            }
+            // Remaining steps lengthen the groups.
+            let length = segment.steps.checked_div(groups).unwrap_or(0);
+            for g in 0..groups {
+                let cuts: [usize; 4] = std::array::from_fn(|third| g * length + third * length / 3);
+                if taken(group) {
+                    split.fitted.push(part(segment, cuts[0], cuts[2]));
+                    for (fold, cut) in split.folds.iter_mut().zip(cuts.windows(2)) {
+                        fold.push(part(segment, cut[0], cut[1]));
+                    }
+                }
+                group += 1;
             }
         }
-        // Remaining steps lengthen the groups.
-        let length = segment.steps.checked_div(groups).unwrap_or(0);
-        for g in 0..groups {
-            group += 1;
-            if (group - 1) % every != 0 {
-                continue;
-            }
-            let start = g * length;
-            fitted.push(part(segment, start, start + 2 * length / 3));
-            held.push(part(segment, start + 2 * length / 3, start + length));
-        }
+        split
     }
-    (fitted, held)
 }
 
 /// Prediction horizons, steps. The first has at least four samples of the slower of input and output, so that

@@ -89,6 +89,16 @@ pub enum DraftError {
         /// Result for every output, as text.
         found: String,
     },
+    /// The inputs act, but no structure predicts held-out data.
+    #[error(
+        "{log}: the inputs act on the outputs, but no axis of first or second order with a lag and a delay predicts held-out data better than the outputs' own past does ({found}). Choose the inputs nearest to the motors (--input NAME) and signals that were not smoothed afterwards (--measure NAME), take the part that flies most (--from, --to), or fly with more excitation, such as an input designed by `whirlstand excite`"
+    )]
+    NoStructure {
+        /// Path of the log.
+        log: String,
+        /// Result for every output, as text.
+        found: String,
+    },
     /// The record is too short to hold data out.
     #[error(
         "{log}: {seconds:.1} s in {steps} steps are too short to fit a model and to check it on held-out data: at least {needed} steps are needed. Give a longer record"

@@ -5,7 +5,8 @@
 //! Econometrica 66, 1998, after Granger, Econometrica 37, 1969). Future inputs are not used: in a closed loop
 //! they react to the predicted motion, so that they would predict it without causing it, and would hide their
 //! effect where they cancel a disturbance. The errors are compared on held-out data (Diebold and Mariano, J.
-//! Bus. Econ. Stat. 13, 1995).
+//! Bus. Econ. Stat. 13, 1995), of which every part of the flight is some in turn (cross-validation: Stone, J. R. Stat. Soc. B
+//! 36, 1974): a third of a flight often has too few manoeuvres to tell.
 
 use nalgebra::{DMatrix, DVector, DVectorView};
 
@@ -51,6 +52,34 @@ impl Ahead {
     }
 }
 
+/// Normal equations of a regression.
+struct LeastSquares {
+    information: DMatrix<f64>,
+    right: DMatrix<f64>,
+}
+
+impl LeastSquares {
+    /// For `n` regressors and a number of values that they predict.
+    fn new(n: usize, values: usize) -> Self {
+        Self { information: DMatrix::zeros(n, n), right: DMatrix::zeros(n, values) }
+    }
+
+    fn add(&mut self, row: &DVector<f64>, target: &[f64]) {
+        self.information.ger(1.0, row, row, 1.0);
+        self.right.ger(1.0, row, &DVectorView::from_slice(target, target.len()), 1.0);
+    }
+
+    /// Coefficients, one column per predicted value.
+    fn solve(mut self) -> Option<DMatrix<f64>> {
+        for i in 0..self.information.nrows() {
+            // A constant signal gets a coefficient of zero.
+            let own = self.information[(i, i)];
+            self.information[(i, i)] += (RIDGE * own).max(f64::MIN_POSITIVE.sqrt());
+        }
+        Some(self.information.cholesky()?.solve(&self.right))
+    }
+}
+
 /// Linear regression of future values on y_k to y_(k-n+1) and u_k to u_(k-m+1).
 #[derive(Debug, Clone)]
 pub struct Regression {
@@ -62,26 +91,26 @@ pub struct Regression {
 
 impl Regression {
     /// Fits by least squares; `None` where the data are insufficient.
-    pub fn fit(segments: &[Segment], outputs: usize, inputs: usize, ahead: Ahead) -> Option<Self> {
+    pub fn fit<'s>(
+        segments: impl IntoIterator<Item = &'s Segment>,
+        outputs: usize,
+        inputs: usize,
+        ahead: Ahead,
+    ) -> Option<Self> {
         let (n, values) = (outputs + inputs, ahead.count());
         let mut found = Self { outputs, inputs, coefficients: DMatrix::zeros(n, values) };
-        let (mut information, mut right) = (DMatrix::zeros(n, n), DMatrix::zeros(n, values));
+        let mut equations = LeastSquares::new(n, values);
         for s in segments {
             for k in 0..s.steps {
                 let Some(target) = ahead.of(s, k).filter(|t| t.iter().all(|v| v.is_finite())) else {
                     continue;
                 };
-                let Some(row) = found.row(s, k) else { continue };
-                information.ger(1.0, &row, &row, 1.0);
-                right.ger(1.0, &row, &DVectorView::from_slice(target, values), 1.0);
+                if let Some(row) = found.row(s, k) {
+                    equations.add(&row, target);
+                }
             }
         }
-        for i in 0..n {
-            // A constant signal gets a coefficient of zero.
-            let own = information[(i, i)];
-            information[(i, i)] += (RIDGE * own).max(f64::MIN_POSITIVE.sqrt());
-        }
-        found.coefficients = information.cholesky()?.solve(&right);
+        found.coefficients = equations.solve()?;
         Some(found)
     }
 
@@ -100,6 +129,39 @@ impl Regression {
     pub fn predict(&self, s: &Segment, known: usize) -> Option<DVector<f64>> {
         Some(self.coefficients.tr_mul(&self.row(s, known)?))
     }
+}
+
+/// Regression of a model's forecast errors on its last innovations: what its noise lacks, a sensor's filter or a longer
+/// memory, an autoregression makes good for every model alike (generalised least squares: Clarke, IFAC Symposium on
+/// Identification, Prague 1967). Without it a model that knows the inputs could predict worse than an output's own past.
+#[derive(Debug, Clone)]
+pub struct Memory {
+    coefficients: DVector<f64>,
+}
+
+impl Memory {
+    /// Fits by least squares to forecast errors, each with the innovations up to its last known step; one that is missing is
+    /// zero, what is expected of it.
+    pub fn fit<'s>(errors: impl IntoIterator<Item = (&'s [f64], f64)>, lags: usize) -> Option<Self> {
+        let mut equations = LeastSquares::new(lags, 1);
+        for (innovations, error) in errors {
+            if error.is_finite() && innovations.len() >= lags {
+                equations.add(&last(innovations, lags), &[error]);
+            }
+        }
+        Some(Self { coefficients: equations.solve()?.column(0).into_owned() })
+    }
+
+    /// What is left of a forecast error.
+    pub fn left(&self, innovations: &[f64], error: f64) -> f64 {
+        error - self.coefficients.dot(&last(innovations, self.coefficients.len()))
+    }
+}
+
+/// The last innovations, the newest first.
+fn last(innovations: &[f64], count: usize) -> DVector<f64> {
+    let known = |e: &f64| if e.is_finite() { *e } else { 0.0 };
+    DVector::from_iterator(count, innovations.iter().rev().take(count).map(known))
 }
 
 /// The last `count` values, the newest first. Missing ones are interpolated between their neighbours, of which none is newer

@@ -82,7 +82,11 @@ pub fn draft(
         match from_inputs(&log, names, &proposal, (inputs, flight), observe) {
             // A log may hold what was asked of the vehicle and what its motors did: where one explains nothing, the
             // other may. The first refusal is told, as it is about the inputs that were proposed first.
-            Err(why @ (DraftError::Unexplained { .. } | DraftError::TooSlow { .. })) => {
+            Err(
+                why @ (DraftError::Unexplained { .. }
+                | DraftError::NoStructure { .. }
+                | DraftError::TooSlow { .. }),
+            ) => {
                 refused.get_or_insert(why);
             }
             found => return found,
@@ -124,7 +128,7 @@ fn from_inputs(
     let axes = axes(&even, &links, mixer.is_some(), &mut left_out, observe)?;
     if axes.is_empty() {
         let found = left_out.iter().map(|l| format!("{}: {}", l.output, l.why)).collect::<Vec<_>>();
-        return Err(DraftError::Unexplained { log: log.into(), found: found.join("; ") });
+        return Err(DraftError::NoStructure { log: log.into(), found: found.join("; ") });
     }
     finish(log, names, flight, (&axes, mixer.as_ref()), &angles, left_out)
 }
@@ -381,12 +385,13 @@ fn held_out(link: &Link, axis: &Axis) -> HeldOut {
         .filter(|v| v.is_finite())
         .collect();
     let spread = rms(&measured).max(f64::MIN_POSITIVE);
-    let rmse = rms(&known(&axis.tried.errors));
+    let fit = |errors: &[f64]| 100.0 * (1.0 - rms(&known(errors)) / spread);
     HeldOut {
         horizon_s: link.horizon as f64 * link.pair.period_s,
         seconds: link.pair.held_s(),
-        fit: 100.0 * (1.0 - rmse / spread),
-        own_past_fit: 100.0 * (1.0 - rms(&known(&link.own_past)) / spread),
-        rmse,
+        fit: fit(&axis.tried.alone),
+        own_past_fit: fit(&link.own_past),
+        completed_fit: fit(&axis.tried.errors),
+        rmse: rms(&known(&axis.tried.alone)),
     }
 }

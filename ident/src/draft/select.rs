@@ -3,10 +3,10 @@
 use rayon::prelude::*;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
-use super::ahead::errors;
+use super::ahead::forecasts;
 use super::blocks::Pair;
 use super::error::DraftError;
-use super::own_past::{Ahead, Regression, compare, lags, starts};
+use super::own_past::{Ahead, Memory, Regression, compare, lags, starts};
 use super::structure::{Signals, Structure};
 use crate::identify::Segment;
 use crate::identify::fitted::Fit;
@@ -33,29 +33,43 @@ pub struct Tried {
     pub structure: Structure,
     /// Fit to the fitted data.
     pub fit: Fit,
-    /// Prediction errors at the horizon on the held-out data.
+    /// Errors of its forecasts at the horizon on the held-out data.
+    pub alone: Vec<f64>,
+    /// The same with the memory that its noise lacks ([`Memory`]), by which structures are compared: by what they know of the
+    /// input, not by how well their noise fits the sensors.
     pub errors: Vec<f64>,
-    /// Root mean square of these errors, SI.
+    /// Root mean square of the latter, SI.
     pub rmse: f64,
 }
 
 /// Errors at the horizon on the held-out data of the regression on inputs and past, or on the past alone.
 /// Where the mean predicts better than the regression on the past alone, the errors are those of the mean.
 pub fn regression_errors(pair: &Pair, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
+    errors_of_fold(pair, 2, horizon, with_input)
+}
+
+/// The same on all parts of the flight, each predicted from the other two.
+pub fn cross_validated_errors(pair: &Pair, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
+    let errors = (0..pair.folds.len()).map(|fold| errors_of_fold(pair, fold, horizon, with_input));
+    Some(errors.collect::<Option<Vec<_>>>()?.concat())
+}
+
+fn errors_of_fold(pair: &Pair, fold: usize, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
     let lags = lags(pair.period_s);
     let inputs = if with_input { lags } else { 0 };
-    let found = Regression::fit(&pair.fitted, lags, inputs, Ahead::Output(horizon))?;
+    let others = pair.folds.iter().enumerate().filter(|(other, _)| *other != fold).flat_map(|(_, f)| f);
+    let found = Regression::fit(others, lags, inputs, Ahead::Output(horizon))?;
+    let held = &pair.folds[fold];
     let from = |s: &Segment| starts(s, warm(pair, horizon), horizon);
     let error = |s: &Segment, k: usize| {
         found.predict(s, k).map_or(f64::NAN, |predicted| s.outputs[k + horizon] - predicted[0])
     };
-    let errors: Vec<f64> =
-        pair.held.iter().flat_map(|s| from(s).into_iter().map(move |k| error(s, k))).collect();
+    let errors: Vec<f64> = held.iter().flat_map(|s| from(s).into_iter().map(move |k| error(s, k))).collect();
     if with_input {
         return Some(errors);
     }
     let level = |s: &Segment| from(s).into_iter().map(|k| s.outputs[k + horizon]).collect::<Vec<_>>();
-    let of_mean: Vec<f64> = pair.held.iter().flat_map(level).collect();
+    let of_mean: Vec<f64> = held.iter().flat_map(level).collect();
     let worse = compare(&errors, &of_mean).is_some_and(|c| c.first > c.second);
     Some(if worse { of_mean } else { errors })
 }
@@ -87,7 +101,9 @@ pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<C
         all.extend(found.into_iter().flatten());
     }
     all.retain(|t| t.rmse.is_finite());
-    all.sort_by_key(|t| t.structure.parameters());
+    all.sort_by(|a, b| {
+        (a.structure.parameters(), a.rmse).partial_cmp(&(b.structure.parameters(), b.rmse)).expect("finite")
+    });
     let figures = all.iter().map(|t| (t.structure, t.rmse)).collect();
     all.retain(effects_show);
     Ok(simplest(all).map(|found| (found, figures)))
@@ -158,15 +174,37 @@ fn tried(
     let Ok(fit) = fit_beside_forces(&problem, &pair.fitted, &extra, &Watch::default()) else {
         return Ok(None);
     };
-    let lags = lags(pair.period_s);
-    let inputs = Regression::fit(&pair.fitted, lags, lags, Ahead::Inputs(horizon));
-    let Some(inputs) = inputs else { return Ok(None) };
-    let on = |s: &Segment| errors(&fit, &inputs, s, &starts(s, warm(pair, horizon), horizon), horizon);
-    let Some(parts) = pair.held.iter().map(on).collect::<Option<Vec<_>>>() else { return Ok(None) };
-    let errors: Vec<f64> = parts.concat();
+    let Some((alone, errors)) = held_out_errors(&fit, pair, horizon) else { return Ok(None) };
     let known: Vec<f64> = errors.iter().copied().filter(|e| e.is_finite()).collect();
     let rmse = if known.is_empty() { f64::NAN } else { whirlstand_logs::stats::rms(&known) };
-    Ok(Some(Tried { structure, fit, errors, rmse }))
+    Ok(Some(Tried { structure, fit, alone, errors, rmse }))
+}
+
+/// Errors of a fit's forecasts on the held-out data: alone, and with the memory that its noise lacks, where that predicts
+/// better.
+fn held_out_errors(fit: &Fit, pair: &Pair, horizon: usize) -> Option<(Vec<f64>, Vec<f64>)> {
+    let (lags, warm) = (lags(pair.period_s), warm(pair, horizon));
+    let inputs = Regression::fit(&pair.fitted, lags, lags, Ahead::Inputs(horizon))?;
+    // The innovations of a segment, and the last known step and the error of each forecast.
+    let made = |s: &Segment, from: Vec<usize>| -> Option<(Vec<f64>, Vec<(usize, f64)>)> {
+        let (forecasts, innovations) = forecasts(fit, &inputs, s, &from)?;
+        let errors = from.iter().zip(forecasts).map(|(k, forecast)| (*k, s.outputs[k + horizon] - forecast));
+        Some((innovations, errors.collect()))
+    };
+    let everywhere = |s: &Segment| (warm..s.steps.saturating_sub(horizon)).collect();
+    let fitted = pair.fitted.iter().map(|s| made(s, everywhere(s))).collect::<Option<Vec<_>>>()?;
+    let fitted = fitted.iter().flat_map(|(e, errors)| errors.iter().map(|(k, error)| (&e[..=*k], *error)));
+    let memory = Memory::fit(fitted, lags)?;
+    let (mut alone, mut completed) = (Vec::new(), Vec::new());
+    for s in &pair.held {
+        let (innovations, errors) = made(s, starts(s, warm, horizon))?;
+        for (k, error) in errors {
+            alone.push(error);
+            completed.push(memory.left(&innovations[..=k], error));
+        }
+    }
+    let worse = compare(&completed, &alone).is_some_and(|c| c.first > c.second);
+    Some(if worse { (alone.clone(), alone) } else { (alone, completed) })
 }
 
 /// Starts for a structure with one more effect: results of the simpler structure, with short and longer

@@ -11,7 +11,7 @@ use super::error::DraftError;
 use super::own_past::{Comparison, compare};
 use super::proposal::Chosen;
 use super::reading::{interval, own_samples};
-use super::select::regression_errors;
+use super::select::{cross_validated_errors, regression_errors};
 
 /// Longest sampling interval of an input, a rate or an acceleration, s. Such a motion of a small vehicle has
 /// a rise time of some 0.2 s, which needs four to ten samples (Astrom and Wittenmark, Computer-Controlled
@@ -39,7 +39,7 @@ pub struct Link {
     pub pair: Pair,
     /// Prediction horizon, steps.
     pub horizon: usize,
-    /// Errors of the prediction from the output's own past alone.
+    /// Errors of the prediction of the held-out data from the output's own past alone.
     pub own_past: Vec<f64>,
     /// Comparison of the prediction from the past alone with that from past and input.
     pub comparison: Comparison,
@@ -174,32 +174,34 @@ pub fn link(
 /// Remark on the best response of an output to any input.
 fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
     let best = all.iter().find(|l| l.output == *output)?;
-    Some(format!(
-        "{}: {} reduces the mean square error of the past alone by {:.1} %, {:.1} standard errors",
-        output.name,
-        best.input.name,
-        100.0 * best.share(),
-        best.comparison.sigmas
-    ))
+    let (output, input) = (&output.name, &best.input.name);
+    let (share, sigmas) = (100.0 * best.share(), best.comparison.sigmas);
+    Some(if share < 0.0 && sigmas > 0.0 {
+        format!(
+            "{output}: with {input} most predictions are better than from the past alone ({sigmas:.1} standard errors), but a \
+             few are so much worse that the mean square error grows by {:.0} %",
+            -share
+        )
+    } else {
+        format!(
+            "{output}: {input} reduces the mean square error of the past alone by {share:.1} %, {sigmas:.1} standard errors"
+        )
+    })
 }
 
 fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>, DraftError> {
     let Some(pair) = Pair::new(record, &input.name, &output.name)? else { return Ok(None) };
     let slowest = [input, output].iter().filter_map(|c| interval(record, c)).fold(0.0, f64::max);
     let compared = horizons(&pair, slowest).into_iter().filter_map(|horizon| {
-        let own_past = regression_errors(&pair, horizon, false)?;
-        let with_input = regression_errors(&pair, horizon, true)?;
-        Some((horizon, compare(&own_past, &with_input)?, own_past))
+        let own_past = cross_validated_errors(&pair, horizon, false)?;
+        let with_input = cross_validated_errors(&pair, horizon, true)?;
+        Some((horizon, compare(&own_past, &with_input)?))
     });
-    let clearest = compared.max_by(|a, b| a.1.sigmas.total_cmp(&b.1.sigmas));
-    Ok(clearest.map(|(horizon, comparison, own_past)| Link {
-        input: input.clone(),
-        output: output.clone(),
-        pair,
-        horizon,
-        own_past,
-        comparison,
-    }))
+    let Some((horizon, comparison)) = compared.max_by(|a, b| a.1.sigmas.total_cmp(&b.1.sigmas)) else {
+        return Ok(None);
+    };
+    let Some(own_past) = regression_errors(&pair, horizon, false) else { return Ok(None) };
+    Ok(Some(Link { input: input.clone(), output: output.clone(), pair, horizon, own_past, comparison }))
 }
 
 /// Error when nothing is explained: nothing moves, or the motion is not due to the actuators.
