@@ -180,7 +180,7 @@ fn axes(
             period_s: link.pair.period_s,
             actuators: known,
         };
-        let found = select(&link.pair, &signals, link.horizon)?;
+        let found = select(&link.pair, &signals, link.horizon, &link.own_past)?;
         let better = |errors: &[f64]| compare(&link.own_past, errors).is_some_and(|c| takes_away(&c));
         match found {
             Some((tried, _)) if !answers_the_input(&tried) => left_out.push(LeftOut {
@@ -191,7 +191,7 @@ fn axes(
                     tried.structure.words()
                 ),
             }),
-            Some((tried, all)) if better(&tried.errors) => {
+            Some((tried, all)) if better(&tried.completed) => {
                 axes.push((link.clone(), Axis { pair: link.pair.clone(), tried, all }));
             }
             Some((tried, _)) => left_out.push(LeftOut {
@@ -389,9 +389,9 @@ fn held_out(link: &Link, axis: &Axis) -> HeldOut {
     HeldOut {
         horizon_s: link.horizon as f64 * link.pair.period_s,
         seconds: link.pair.held_s(),
-        fit: fit(&axis.tried.alone),
+        fit: fit(&axis.tried.errors),
         own_past_fit: fit(&link.own_past),
-        completed_fit: fit(&axis.tried.errors),
-        rmse: rms(&known(&axis.tried.alone)),
+        completed_fit: fit(&axis.tried.completed),
+        rmse: rms(&known(&axis.tried.errors)),
     }
 }

@@ -8,6 +8,7 @@ use super::blocks::Pair;
 use super::error::DraftError;
 use super::own_past::{Ahead, Memory, Regression, compare, lags, starts};
 use super::structure::{Signals, Structure};
+use super::survey::takes_away;
 use crate::identify::Segment;
 use crate::identify::fitted::Fit;
 use crate::identify::force_fit::fit_beside_forces;
@@ -34,11 +35,10 @@ pub struct Tried {
     /// Fit to the fitted data.
     pub fit: Fit,
     /// Errors of its forecasts at the horizon on the held-out data.
-    pub alone: Vec<f64>,
-    /// The same with the memory that its noise lacks ([`Memory`]), by which structures are compared: by what they know of the
-    /// input, not by how well their noise fits the sensors.
     pub errors: Vec<f64>,
-    /// Root mean square of the latter, SI.
+    /// The same with the memory that its noise lacks ([`Memory`]): what it knows of the input, however well its noise fits.
+    pub completed: Vec<f64>,
+    /// Root mean square of the former, SI.
     pub rmse: f64,
 }
 
@@ -83,11 +83,16 @@ fn warm(pair: &Pair, horizon: usize) -> usize {
 pub type Choice = (Tried, Vec<(Structure, f64)>);
 
 /// Fits every structure and selects the simplest of those that predict as well as the best; also returns the
-/// root mean square errors of all.
+/// root mean square errors of all. `own_past` are the errors of the output's own past on the held-out data.
 ///
 /// # Errors
 /// When none can be fitted.
-pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<Choice>, DraftError> {
+pub fn select(
+    pair: &Pair,
+    signals: &Signals,
+    horizon: usize,
+    own_past: &[f64],
+) -> Result<Option<Choice>, DraftError> {
     let mut all: Vec<Tried> = Vec::new();
     // Each starts from the results of those with one effect less.
     for effects in 0..=2 {
@@ -106,7 +111,7 @@ pub fn select(pair: &Pair, signals: &Signals, horizon: usize) -> Result<Option<C
     });
     let figures = all.iter().map(|t| (t.structure, t.rmse)).collect();
     all.retain(effects_show);
-    Ok(simplest(all).map(|found| (found, figures)))
+    Ok(simplest(all, own_past).map(|found| (found, figures)))
 }
 
 /// Standard errors by which the gain of the input must differ from zero. It is the largest of eight structures for each pair
@@ -148,10 +153,17 @@ fn within_bounds(tried: &Tried) -> bool {
 
 /// The simplest of those that predict as well as the best; `all` is sorted from the simplest on. A value at its bound is not
 /// determined (Self and Liang 1987): of structures that predict equally well, those without one come first.
-fn simplest(mut all: Vec<Tried>) -> Option<Tried> {
-    let best = all.iter().min_by(|a, b| a.rmse.total_cmp(&b.rmse))?;
+///
+/// Where none predicts better than the output's own past, the noise of all lacks a memory, and they are compared with it.
+/// Elsewhere the noise tells structures apart as well: what disturbs a vehicle does not pass its actuators.
+fn simplest(mut all: Vec<Tried>, own_past: &[f64]) -> Option<Tried> {
+    let suffices = |t: &Tried| compare(own_past, &t.errors).is_some_and(|c| takes_away(&c));
+    let sufficient = all.iter().any(suffices);
+    let errors = |t: &'_ Tried| if sufficient { t.errors.clone() } else { t.completed.clone() };
+    let mean_square = |e: &[f64]| compare(e, e).map_or(f64::INFINITY, |c| c.first);
+    let best = all.iter().map(errors).min_by(|a, b| mean_square(a).total_cmp(&mean_square(b)))?;
     let as_good = |t: &Tried| {
-        compare(&t.errors, &best.errors)
+        compare(&errors(t), &best)
             .is_none_or(|c| c.sigmas < BETTER_SIGMAS && c.first < BETTER_SHARE * c.second)
     };
     let inside = all.iter().position(|t| as_good(t) && within_bounds(t));
@@ -174,10 +186,10 @@ fn tried(
     let Ok(fit) = fit_beside_forces(&problem, &pair.fitted, &extra, &Watch::default()) else {
         return Ok(None);
     };
-    let Some((alone, errors)) = held_out_errors(&fit, pair, horizon) else { return Ok(None) };
+    let Some((errors, completed)) = held_out_errors(&fit, pair, horizon) else { return Ok(None) };
     let known: Vec<f64> = errors.iter().copied().filter(|e| e.is_finite()).collect();
     let rmse = if known.is_empty() { f64::NAN } else { whirlstand_logs::stats::rms(&known) };
-    Ok(Some(Tried { structure, fit, alone, errors, rmse }))
+    Ok(Some(Tried { structure, fit, errors, completed, rmse }))
 }
 
 /// Errors of a fit's forecasts on the held-out data: alone, and with the memory that its noise lacks, where that predicts
