@@ -1,6 +1,7 @@
 //! Noise of one channel: which kind explains a residual best, and its whitening filter.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use nalgebra::Complex;
 use whirlstand_ident::identify::ar::Ar;
@@ -90,6 +91,18 @@ impl ChannelNoise {
     pub fn filter(&self, run: &[f64], out: &mut [f64]) {
         match self {
             Self::Coloured(ar) => ar.filter(run, out),
+            Self::Wandering(wander) => wander.filter(run, out),
+        }
+    }
+
+    /// [`Self::filter`] of a run that is zero outside `support`, into an `out` of zeros.
+    pub fn filter_within(&self, support: Range<usize>, run: &[f64], out: &mut [f64]) {
+        match self {
+            Self::Coloured(ar) => {
+                // A(q) has the memory of its order, and none before the first value.
+                let within = support.start..(support.end + ar.order()).min(run.len());
+                ar.filter(&run[within.clone()], &mut out[within]);
+            }
             Self::Wandering(wander) => wander.filter(run, out),
         }
     }

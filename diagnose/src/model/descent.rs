@@ -9,7 +9,7 @@ use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_ident::identify::search::{Derivatives, Limits, Point, search};
 
 use crate::data::record::Data;
-use crate::model::columns::{Column, Slot, blocks, dot, dots, products};
+use crate::model::columns::{Column, Slot, Sparse, dot};
 use crate::model::fit::{Effort, Fit, Model};
 use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
@@ -65,7 +65,7 @@ impl Model<'_, '_> {
     pub fn covariance(&self, fit: &Fit) -> Result<DMatrix<f64>, ModelError> {
         let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), None)?;
         let data = self.free_run.data;
-        let information = products(&whitened(&fit.profile.noise, data, &columns));
+        let information = whitened(&fit.profile.noise, data, &columns).products();
         pseudo_inverse(&information).ok_or(ModelError::NotDetermined)
     }
 }
@@ -127,7 +127,7 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
     ) -> Result<Evaluation, ModelError> {
         let white = noise.whiten(self.model.free_run.data, &start.residual);
         let known = initial.map(|columns| whitened(noise, self.model.free_run.data, columns));
-        let known = known.map(|white| (products(&white), white));
+        let known = known.map(|white| (white.products(), white));
         let objective = Objective { descent: self, noise, known };
         let start = Iterate {
             objective: &objective,
@@ -155,7 +155,7 @@ struct Objective<'g, 'm, 'r, 'd> {
     descent: &'g Descent<'m, 'r, 'd>,
     noise: &'g Noise,
     /// The given sensitivities, whitened, and their products.
-    known: Option<(DMatrix<f64>, Vec<Vec<f64>>)>,
+    known: Option<(DMatrix<f64>, Sparse)>,
 }
 
 /// An iterate.
@@ -208,36 +208,25 @@ impl Point for Iterate<'_, '_, '_, '_, '_> {
         Some(match &self.objective.known {
             Some((products, known)) => bordered(known, products, &own, &self.white),
             None => {
-                Derivatives { information: products(&own), right: DVector::from_vec(dots(&own, &self.white)) }
+                Derivatives { information: own.products(), right: DVector::from_vec(own.dots(&self.white)) }
             }
         })
     }
 }
 
 /// Whitened columns.
-fn whitened(noise: &Noise, data: &Data, columns: &[Column]) -> Vec<Vec<f64>> {
-    columns.par_iter().map(|c| noise.whiten(data, &data.filled(c))).collect()
+fn whitened(noise: &Noise, data: &Data, columns: &[Column]) -> Sparse {
+    Sparse::new(columns.par_iter().map(|c| noise.whiten(data, &data.filled(c))).collect())
 }
 
 /// Information matrix and gradient, when the products of the first columns are known.
-fn bordered(
-    known: &[Vec<f64>],
-    known_products: &DMatrix<f64>,
-    own: &[Vec<f64>],
-    white: &[f64],
-) -> Derivatives {
-    let (k, n) = (known.len(), known.len() + own.len());
+fn bordered(known: &Sparse, known_products: &DMatrix<f64>, own: &Sparse, white: &[f64]) -> Derivatives {
+    let (k, n) = (known.columns().len(), known.columns().len() + own.columns().len());
     let mut information = DMatrix::zeros(n, n);
     information.view_mut((0, 0), (k, k)).copy_from(known_products);
-    information.view_mut((k, k), (n - k, n - k)).copy_from(&products(own));
-    for rows in blocks(white.len()) {
-        for (i, a) in own.iter().enumerate() {
-            for (j, b) in known.iter().enumerate() {
-                information[(k + i, j)] += dot(&a[rows.clone()], &b[rows.clone()]);
-            }
-        }
-    }
+    information.view_mut((k, k), (n - k, n - k)).copy_from(&own.products());
+    information.view_mut((k, 0), (n - k, k)).copy_from(&own.products_with(known));
     information.fill_upper_triangle_with_lower_triangle();
-    let gradient = dots(known, white).into_iter().chain(dots(own, white));
+    let gradient = known.dots(white).into_iter().chain(own.dots(white));
     Derivatives { information, right: DVector::from_iterator(n, gradient) }
 }

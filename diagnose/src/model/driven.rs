@@ -12,7 +12,7 @@ use whirlstand_ident::identify::search::Derivatives;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::Data;
-use crate::model::columns::{dots, products};
+use crate::model::columns::Sparse;
 use crate::model::innovations::{Filter, Noises, Update};
 use crate::thresholds::{MAX_AR_ORDER, MAX_TRANSIENT_STEPS, NOISE_PARAMETER_STEP, SCORED_ROWS};
 
@@ -69,9 +69,11 @@ impl Driven<'_> {
                 by_white.push(slope(&chunk.white, &white));
                 by_diagonal.push(slope(&chunk.log_diagonal, &log_diagonal));
             }
-            information += products(&by_white) + products(&by_diagonal);
-            right -= DVector::from_vec(dots(&by_white, &white));
-            right.iter_mut().zip(&by_diagonal).for_each(|(right, by)| *right += by.iter().sum::<f64>());
+            let (by_white, by_diagonal) = (Sparse::new(by_white), Sparse::new(by_diagonal));
+            information += by_white.products() + by_diagonal.products();
+            right -= DVector::from_vec(by_white.dots(&white));
+            let sums = by_diagonal.columns().iter().map(|by| by.iter().sum::<f64>());
+            right.iter_mut().zip(sums).for_each(|(right, sum)| *right += sum);
         }
         Some(Derivatives { information, right })
     }

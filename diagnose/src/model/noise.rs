@@ -143,7 +143,8 @@ impl Noise {
         let whiten = |(c, white): (usize, &mut [f64])| {
             let (channel, range) = (&data.channels[c], ranges[c].clone());
             let (noise, total, raw) = (&self.channels[c], self.total[c], &samples[range]);
-            noise.filter(raw, white);
+            let Some(support) = support(raw) else { return };
+            noise.filter_within(support, raw, white);
             let over = |std: f64| if std > 0.0 { 1.0 / std } else { 0.0 };
             let (scale, early) = (over(noise.variance().sqrt()), over(total));
             let first = white.len().min(noise.unpredicted());
@@ -198,6 +199,13 @@ impl Noise {
         let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
         whirlstand_logs::stats::rms(&kept)
     }
+}
+
+/// The shortest range outside which all values are zero; none where all are.
+fn support(values: &[f64]) -> Option<std::ops::Range<usize>> {
+    let first = values.iter().position(|v| *v != 0.0)?;
+    let last = values.iter().rposition(|v| *v != 0.0)?;
+    Some(first..last + 1)
 }
 
 /// True where the size of a residual's noise is known. The innovations of a predictor that follows the record exceed the noise

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crate::data::record::Data;
-use crate::model::columns::{Column, dot, dots, subtract_all};
+use crate::model::columns::{Column, Sparse, dot, subtract_all};
 use crate::model::noise::Noise;
 
 /// A residual under one noise model, with the nuisances projected out.
@@ -13,7 +13,7 @@ pub struct ScoreTest<'d> {
     data: &'d Data,
     noise: Noise,
     /// Orthonormal basis of the whitened nuisances.
-    basis: Vec<Vec<f64>>,
+    basis: Sparse,
     /// The nuisances of the basis, and their coefficients: one row per basis function.
     nuisances: Vec<Column>,
     shares: Vec<Vec<f64>>,
@@ -35,7 +35,7 @@ pub struct Score {
 impl<'d> ScoreTest<'d> {
     /// Prepares a test; `residual` is filled, `nuisances` are columns that are not whitened.
     pub fn new(data: &'d Data, noise: &Noise, residual: &[f64], nuisances: &[Column]) -> Self {
-        let (mut basis, mut shares): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
+        let (mut basis, mut shares): (Sparse, Vec<Vec<f64>>) = (Sparse::default(), Vec::new());
         for (i, column) in nuisances.iter().enumerate() {
             let mut w = noise.whiten(data, &data.filled(column));
             let mut share = vec![0.0; nuisances.len()];
@@ -43,8 +43,8 @@ impl<'d> ScoreTest<'d> {
             let before = dot(&w, &w);
             // Orthogonalising twice is enough (Giraud, Langou and Rozloznik 2005).
             for _ in 0..2 {
-                let by = dots(&basis, &w);
-                subtract_all(&mut w, &by, &basis);
+                let by = basis.dots(&w);
+                basis.subtract_from(&mut w, &by);
                 for (c, other) in by.iter().zip(&shares) {
                     share.iter_mut().zip(other).for_each(|(s, o)| *s -= c * o);
                 }
@@ -67,8 +67,8 @@ impl<'d> ScoreTest<'d> {
     /// Whitens samples (filled) and projects out the nuisances.
     pub fn project(&self, samples: &[f64]) -> Vec<f64> {
         let mut w = self.noise.whiten(self.data, samples);
-        let by = dots(&self.basis, &w);
-        subtract_all(&mut w, &by, &self.basis);
+        let by = self.basis.dots(&w);
+        self.basis.subtract_from(&mut w, &by);
         w
     }
 
@@ -76,7 +76,7 @@ impl<'d> ScoreTest<'d> {
     pub fn without_nuisances(&self, samples: &[f64]) -> Vec<f64> {
         let w = self.noise.whiten(self.data, samples);
         let mut by = vec![0.0; self.nuisances.len()];
-        for (c, share) in dots(&self.basis, &w).iter().zip(&self.shares) {
+        for (c, share) in self.basis.dots(&w).iter().zip(&self.shares) {
             by.iter_mut().zip(share).for_each(|(b, s)| *b += c * s);
         }
         let mut rest = samples.to_vec();
@@ -98,7 +98,7 @@ impl<'d> ScoreTest<'d> {
 
     /// The basis of the whitened nuisances.
     pub fn basis(&self) -> &[Vec<f64>] {
-        &self.basis
+        self.basis.columns()
     }
 
     /// Whitens and projects as [`ScoreTest::project`], for samples that may have gaps.
@@ -111,7 +111,7 @@ impl<'d> ScoreTest<'d> {
     fn product(&self, samples: &[f64]) -> (f64, f64) {
         let w = self.noise.whiten(self.data, &self.data.filled(samples));
         let whole = dot(&w, &w);
-        let nuisances: f64 = dots(&self.basis, &w).iter().map(|c| c * c).sum();
+        let nuisances: f64 = self.basis.dots(&w).iter().map(|c| c * c).sum();
         let energy = whole - nuisances;
         // An energy below rounding counts as zero.
         (dot(&w, &self.residual), if energy > 1e-9 * whole { energy } else { 0.0 })
