@@ -192,24 +192,32 @@ fn tried(
     Ok(Some(Tried { structure, fit, errors, completed, rmse }))
 }
 
+/// Forecasts of a segment by one fit.
+struct Forecasts {
+    /// Innovations of all steps.
+    innovations: Vec<f64>,
+    /// Last known step and error of each forecast.
+    errors: Vec<(usize, f64)>,
+}
+
 /// Errors of a fit's forecasts on the held-out data: alone, and with the memory that its noise lacks, where that predicts
 /// better.
 fn held_out_errors(fit: &Fit, pair: &Pair, horizon: usize) -> Option<(Vec<f64>, Vec<f64>)> {
     let (lags, warm) = (lags(pair.period_s), warm(pair, horizon));
     let inputs = Regression::fit(&pair.fitted, lags, lags, Ahead::Inputs(horizon))?;
-    // The innovations of a segment, and the last known step and the error of each forecast.
-    let made = |s: &Segment, from: Vec<usize>| -> Option<(Vec<f64>, Vec<(usize, f64)>)> {
+    let made = |s: &Segment, from: Vec<usize>| -> Option<Forecasts> {
         let (forecasts, innovations) = forecasts(fit, &inputs, s, &from)?;
         let errors = from.iter().zip(forecasts).map(|(k, forecast)| (*k, s.outputs[k + horizon] - forecast));
-        Some((innovations, errors.collect()))
+        Some(Forecasts { innovations, errors: errors.collect() })
     };
     let everywhere = |s: &Segment| (warm..s.steps.saturating_sub(horizon)).collect();
     let fitted = pair.fitted.iter().map(|s| made(s, everywhere(s))).collect::<Option<Vec<_>>>()?;
-    let fitted = fitted.iter().flat_map(|(e, errors)| errors.iter().map(|(k, error)| (&e[..=*k], *error)));
+    let fitted =
+        fitted.iter().flat_map(|f| f.errors.iter().map(|(k, error)| (&f.innovations[..=*k], *error)));
     let memory = Memory::fit(fitted, lags)?;
     let (mut alone, mut completed) = (Vec::new(), Vec::new());
     for s in &pair.held {
-        let (innovations, errors) = made(s, starts(s, warm, horizon))?;
+        let Forecasts { innovations, errors } = made(s, starts(s, warm, horizon))?;
         for (k, error) in errors {
             alone.push(error);
             completed.push(memory.left(&innovations[..=k], error));
