@@ -21,6 +21,9 @@ const MOST_LAGS: usize = 24;
 /// collinear.
 const RIDGE: f64 = 1e-8;
 
+/// Share by which what is known of the inputs must reduce the mean square error.
+const EXPLAINED_SHARE: f64 = 0.05;
+
 /// Number of past steps in a regression.
 pub fn lags(period_s: f64) -> usize {
     ((PAST_S / period_s).ceil() as usize).clamp(LEAST_LAGS, MOST_LAGS)
@@ -222,6 +225,11 @@ pub fn compare(first: &[f64], second: &[f64]) -> Option<Comparison> {
     let error = (variance / (0.5 * n)).sqrt();
     let sigmas = if error > 0.0 { score / error } else { 0.0 };
     Some(Comparison { first: mean(|(a, _)| *a), second: mean(|(_, b)| *b), sigmas })
+}
+
+/// True when the second prediction reduces the mean square error of the first enough.
+pub fn takes_away(comparison: &Comparison) -> bool {
+    comparison.second < (1.0 - EXPLAINED_SHARE) * comparison.first
 }
 
 #[cfg(test)]

@@ -14,12 +14,12 @@ use super::compose::{Angle, Axis, Composed, compose};
 use super::error::DraftError;
 use super::flown::Flown;
 use super::mixer::Mixer;
-use super::own_past::{compare, starts};
+use super::own_past::{compare, starts, takes_away};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
 use super::select::{answers_the_input, select};
 use super::structure::{Actuators, Signals, rounded};
-use super::survey::{Link, check_motors, fast_enough, link, moves, takes_away};
+use super::survey::{Link, check_motors, fast_enough, link, moves};
 use crate::identify::align::lags;
 use crate::identify::force_fit::{FORCES, WANDERING};
 

@@ -8,7 +8,7 @@ use whirlstand_logs::stats::white_noise_std;
 use super::answer::LeftOut;
 use super::blocks::{Pair, horizons, least_steps, range};
 use super::error::DraftError;
-use super::own_past::{Comparison, compare};
+use super::own_past::{Comparison, compare, takes_away};
 use super::proposal::Chosen;
 use super::reading::{interval, own_samples};
 use super::select::{cross_validated_errors, regression_errors};
@@ -20,8 +20,6 @@ const LONGEST_INTERVAL_S: f64 = 0.05;
 /// Standard errors by which the inputs must predict better than the past alone, as several pairs and horizons
 /// are tried.
 const EXPLAINED_SIGMAS: f64 = 3.0;
-/// Share by which the inputs must reduce the mean square error.
-const EXPLAINED_SHARE: f64 = 0.05;
 /// Ratio of spread to noise below which an output is at rest.
 const REST_RATIO: f64 = 3.0;
 /// Spread below which a rate is at rest, rad/s: that of a small gyroscope on a table, 0.01 deg/s and root Hz
@@ -54,11 +52,6 @@ impl Link {
     fn explains(&self) -> bool {
         self.comparison.sigmas > EXPLAINED_SIGMAS && takes_away(&self.comparison)
     }
-}
-
-/// True when the second prediction reduces the mean square error of the first enough.
-pub fn takes_away(comparison: &Comparison) -> bool {
-    comparison.second < (1.0 - EXPLAINED_SHARE) * comparison.first
 }
 
 /// True when a signal is not constant.

@@ -24,6 +24,7 @@ mod beyond_linear;
 mod combinations;
 mod compile;
 mod disturbances;
+mod divergence;
 mod extended;
 mod inputs;
 mod kernel;
@@ -55,6 +56,7 @@ pub use self::rows::Rows;
 
 use self::combinations::Combinations;
 use self::disturbances::Disturbances;
+use self::divergence::LARGEST;
 use self::extended::Extended;
 use self::kernel::Kernel;
 use self::nonlinear::Work;
@@ -62,14 +64,6 @@ use self::sensors::Sensors;
 use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
 use crate::model::{Engine, Input, Vehicle};
-
-/// Magnitude beyond which a state has diverged; it is held there, and [`Simulator::diverged`] is true.
-const LARGEST: f64 = 1e12;
-
-/// What a value that has diverged is held at; 0 when it is NaN, which may be of either sign.
-fn held(value: f64) -> f64 {
-    if value.is_nan() { 0.0 } else { value.clamp(-LARGEST, LARGEST) }
-}
 
 /// Simulation of a vehicle: deterministic, and without allocation after construction.
 ///

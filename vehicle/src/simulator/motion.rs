@@ -1,8 +1,9 @@
 //! Advances a simulator from one step to the next.
 
+use super::divergence::{LARGEST, held};
 use super::kernel::State;
 use super::nonlinear::Work;
-use super::{Dynamics, LARGEST, Simulator, held};
+use super::{Dynamics, Simulator};
 
 impl Simulator {
     /// Advances to the next step under the input in force. Not inlined: its kernels are compiled here alone.

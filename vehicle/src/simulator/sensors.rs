@@ -3,6 +3,7 @@
 use super::combinations::Combinations;
 use super::compile::Row;
 use super::disturbances::consumer;
+use super::divergence::held;
 use super::rows::{BLOCK, Rows};
 use super::sensor::{Sensor, declared, phase};
 use super::switch::Switch;
@@ -151,7 +152,7 @@ impl Sensors {
         let tolerance = 2.0 * super::inputs::TIME_TOLERANCE * self.period_s;
         for sensor in &mut self.sensors {
             for tap in sensor.taps.iter_mut().filter(|tap| (tap.offset_s - offset_s).abs() <= tolerance) {
-                tap.push(super::held(sensor.lagged.value(z, v)));
+                tap.push(held(sensor.lagged.value(z, v)));
             }
         }
     }

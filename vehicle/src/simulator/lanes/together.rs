@@ -3,7 +3,8 @@
 use super::disturbances::DisturbanceLanes;
 use super::sensors::SensorLanes;
 use super::spread::spread;
-use crate::simulator::{Dynamics, LARGEST, Simulator};
+use crate::simulator::divergence::LARGEST;
+use crate::simulator::{Dynamics, Simulator};
 
 /// K vehicles simulated by one matrix product per step.
 #[derive(Debug, Clone)]
