@@ -58,8 +58,8 @@ impl Sparse {
     pub fn dots(&self, with: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.columns.len()];
         for (block, rows) in blocks(with.len()).enumerate() {
-            for (sum, column) in sums.iter_mut().zip(self.in_block(block, &rows)) {
-                *sum += column.map_or(0.0, |column| dot(column, &with[rows.clone()]));
+            for (i, column) in self.filled(block, &rows) {
+                sums[i] += dot(column, &with[rows.clone()]);
             }
         }
         sums
@@ -103,18 +103,12 @@ impl Sparse {
         self.columns.first().map_or(0, Vec::len)
     }
 
-    /// The rows of a block of every column; none where they are zero.
-    fn in_block(&self, block: usize, rows: &Range<usize>) -> impl Iterator<Item = Option<&[f64]>> {
-        let rows = rows.clone();
-        self.columns
-            .iter()
-            .zip(&self.occupied)
-            .map(move |(column, occupied)| occupied[block].then(|| &column[rows.clone()]))
-    }
-
-    /// The columns that are other than zero in a block, with their indices.
+    /// The rows of a block of the columns that are other than zero there, with their indices.
     fn filled(&self, block: usize, rows: &Range<usize>) -> impl Iterator<Item = (usize, &[f64])> {
-        self.in_block(block, rows).enumerate().filter_map(|(i, column)| Some((i, column?)))
+        let rows = rows.clone();
+        let all = self.columns.iter().zip(&self.occupied).enumerate();
+        all.filter(move |(_, (_, occupied))| occupied[block])
+            .map(move |(i, (column, _))| (i, &column[rows.clone()]))
     }
 }
 

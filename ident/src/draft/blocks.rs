@@ -13,6 +13,9 @@ const LEAST_STEPS: usize = 60;
 /// Largest number of steps used in total; of longer records evenly spaced blocks are taken.
 const MOST_STEPS: usize = 9000;
 
+/// Part of the flight that is held out.
+pub const HELD_OUT: usize = 2;
+
 /// Pole faster than any vehicle's, 1/s.
 const FASTEST_POLE: f64 = -1e4;
 
@@ -21,9 +24,7 @@ const FASTEST_POLE: f64 = -1e4;
 pub struct Pair {
     /// Segments for fitting.
     pub fitted: Vec<Segment>,
-    /// Held-out segments for validation.
-    pub held: Vec<Segment>,
-    /// The same data in three parts that each cover the whole flight, for cross-validation; the last one is `held`.
+    /// All data in three parts that each cover the whole flight, for cross-validation.
     pub folds: [Vec<Segment>; 3],
     /// Mean of the input over the fitted data, SI.
     pub input_level: f64,
@@ -103,22 +104,18 @@ impl Pair {
             segment.inputs.iter_mut().for_each(|u| *u -= input_level);
             segment.outputs.iter_mut().for_each(|y| *y -= output_level);
         }
-        let (period_s, held) = (fitted[0].period_s, folds[2].clone());
-        Ok(Some(Self {
-            fitted,
-            held,
-            folds,
-            input_level,
-            output_level,
-            input_spread,
-            output_spread,
-            period_s,
-        }))
+        let period_s = fitted[0].period_s;
+        Ok(Some(Self { fitted, folds, input_level, output_level, input_spread, output_spread, period_s }))
+    }
+
+    /// Held-out segments for validation: the part that is not fitted.
+    pub fn held(&self) -> &[Segment] {
+        &self.folds[HELD_OUT]
     }
 
     /// Total length of the held-out data, s.
     pub fn held_s(&self) -> f64 {
-        self.held.iter().map(|s| s.steps as f64 * s.period_s).sum()
+        self.held().iter().map(|s| s.steps as f64 * s.period_s).sum()
     }
 }
 
@@ -231,8 +228,8 @@ mod tests {
         record.push("y", "", (0..3000).map(|k| (k as f64 * 0.1).sin() - 2.0).collect()).unwrap();
         let pair = Pair::new(&record, "u", "y").unwrap().unwrap();
         let steps = |segments: &[Segment]| segments.iter().map(|s| s.steps).sum::<usize>();
-        assert_eq!((steps(&pair.fitted), steps(&pair.held)), (2000, 1000));
-        assert_eq!((pair.fitted.len(), pair.held.len()), (4, 4));
+        assert_eq!((steps(&pair.fitted), steps(pair.held())), (2000, 1000));
+        assert_eq!((pair.fitted.len(), pair.held().len()), (4, 4));
         assert!((pair.input_level - 8.0).abs() < 0.02 && (pair.output_level + 2.0).abs() < 0.02);
         assert!((pair.held_s() - 10.0).abs() < 1e-9);
         // cos(10 t) falls to one half at t = pi / 30.
@@ -250,7 +247,7 @@ mod tests {
         record.push("y", "", (0..2000).map(|k| (k as f64 * 0.1).sin()).collect()).unwrap();
         let pair = Pair::new(&record, "u", "y").unwrap().unwrap();
         let steps = |segments: &[Segment]| segments.iter().map(|s| s.steps).collect::<Vec<_>>();
-        assert_eq!((steps(&pair.fitted), steps(&pair.held)), (vec![400; 4], vec![400]));
+        assert_eq!((steps(&pair.fitted), steps(pair.held())), (vec![400; 4], vec![400]));
     }
 
     #[test]

@@ -379,7 +379,7 @@ fn held_out(link: &Link, axis: &Axis) -> HeldOut {
     let known = |errors: &[f64]| -> Vec<f64> { errors.iter().copied().filter(|e| e.is_finite()).collect() };
     let measured: Vec<f64> = link
         .pair
-        .held
+        .held()
         .iter()
         .flat_map(|s| starts(s, 0, link.horizon).into_iter().map(|k| s.outputs[k + link.horizon]))
         .filter(|v| v.is_finite())

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
 use super::ahead::forecasts;
-use super::blocks::Pair;
+use super::blocks::{HELD_OUT, Pair};
 use super::error::DraftError;
 use super::own_past::{Ahead, Memory, Regression, compare, lags, starts, takes_away};
 use super::structure::{Signals, Structure};
@@ -44,7 +44,7 @@ pub struct Tried {
 /// Errors at the horizon on the held-out data of the regression on inputs and past, or on the past alone.
 /// Where the mean predicts better than the regression on the past alone, the errors are those of the mean.
 pub fn regression_errors(pair: &Pair, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
-    errors_of_fold(pair, 2, horizon, with_input)
+    errors_of_fold(pair, HELD_OUT, horizon, with_input)
 }
 
 /// The same on all parts of the flight, each predicted from the other two.
@@ -158,11 +158,11 @@ fn within_bounds(tried: &Tried) -> bool {
 fn simplest(mut all: Vec<Tried>, own_past: &[f64]) -> Option<Tried> {
     let suffices = |t: &Tried| compare(own_past, &t.errors).is_some_and(|c| takes_away(&c));
     let sufficient = all.iter().any(suffices);
-    let errors = |t: &'_ Tried| if sufficient { t.errors.clone() } else { t.completed.clone() };
-    let mean_square = |e: &[f64]| compare(e, e).map_or(f64::INFINITY, |c| c.first);
-    let best = all.iter().map(errors).min_by(|a, b| mean_square(a).total_cmp(&mean_square(b)))?;
+    let errors: fn(&Tried) -> &[f64] = if sufficient { |t| &t.errors } else { |t| &t.completed };
+    let mean_square = |t: &Tried| compare(errors(t), errors(t)).map_or(f64::INFINITY, |c| c.first);
+    let best = all.iter().min_by(|a, b| mean_square(a).total_cmp(&mean_square(b)))?;
     let as_good = |t: &Tried| {
-        compare(&errors(t), &best)
+        compare(errors(t), errors(best))
             .is_none_or(|c| c.sigmas < BETTER_SIGMAS && c.first < BETTER_SHARE * c.second)
     };
     let inside = all.iter().position(|t| as_good(t) && within_bounds(t));
@@ -215,7 +215,7 @@ fn held_out_errors(fit: &Fit, pair: &Pair, horizon: usize) -> Option<(Vec<f64>, 
         fitted.iter().flat_map(|f| f.errors.iter().map(|(k, error)| (&f.innovations[..=*k], *error)));
     let memory = Memory::fit(fitted, lags)?;
     let (mut alone, mut completed) = (Vec::new(), Vec::new());
-    for s in &pair.held {
+    for s in pair.held() {
         let Forecasts { innovations, errors } = made(s, starts(s, warm, horizon))?;
         for (k, error) in errors {
             alone.push(error);

@@ -354,39 +354,6 @@ fn a_disturbance_from_outside_acts_until_it_is_taken_back() {
 }
 
 #[test]
-fn a_state_without_bounds_is_told() {
-    let mut vehicle = cart();
-    vehicle.a[(1, 1)] = 200.0;
-    let vehicle = with(vehicle, &[(Kind::InputDelay, "u", &[("delay_s", 0.013)])]);
-    let mut simulator = Simulator::new(&vehicle, PERIOD, 1).unwrap();
-    for _ in 0..100_000 {
-        simulator.step(&[1.0]);
-    }
-    assert!(simulator.diverged() && simulator.state().iter().all(|x| x.is_finite()));
-    assert!(Simulator::new(&vehicle, 0.0, 1).is_err());
-    assert!(Simulator::new(&vehicle, f64::NAN, 1).is_err());
-    assert!(Simulator::new(&vehicle, 1e6, 1).unwrap_err().to_string().contains("cannot be simulated"));
-}
-
-/// With v' = u + v^3 the state is infinite within a period (a finite escape time), and a delayed sensor that samples
-/// within the period sees it before it is held.
-#[test]
-fn a_delayed_sensor_of_a_state_without_bounds_is_finite() {
-    for k in 1..40u32 {
-        let late = (Kind::SensorDelay, "v", &[("delay_s", 0.1 * PERIOD * f64::from(k))] as &[(&str, f64)]);
-        let vehicle = with(cart(), &[(Kind::CubicStiffness, "v->v", &[("coefficient", -1.0)]), late]);
-        let mut simulator = Simulator::new(&vehicle, PERIOD, 1).unwrap();
-        // A force that changes slowly: the escapes fall on all parts of a period.
-        for step in 0..2000 {
-            let y = simulator.measure();
-            assert!(y.iter().all(|y| y.is_finite()), "delay of {k}/10 periods, step {step}: {y:?}");
-            simulator.step(&[1.0 + 1e-3 * f64::from(step)]);
-        }
-        assert!(simulator.diverged());
-    }
-}
-
-#[test]
 fn a_record_from_the_middle_of_a_motion_holds_its_first_command() {
     let late = [
         (Kind::InputDelay, "u", &[("delay_s", 0.025)] as &[(&str, f64)]),
