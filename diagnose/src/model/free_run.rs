@@ -162,16 +162,20 @@ impl<'d> FreeRun<'d> {
                 return Err(ModelError::Diverged);
             }
             if let Some(observer) = &self.observer {
-                let error = |(c, e): (&Channel, &mut f64)| {
-                    *e = c.measured_at(k).map_or(0.0, |measured| measured - y[c.output]);
-                };
-                data.channels.iter().zip(&mut errors).for_each(error);
+                self.errors(k, y, &mut errors);
                 observer.change(k, &errors, &mut change);
                 simulator.correct(&change);
             }
             simulator.advance();
         }
         if simulator.diverged() { Err(ModelError::Diverged) } else { Ok(()) }
+    }
+
+    /// Prediction errors of all channels at a step, 0 where there is no sample.
+    fn errors(&self, step: usize, y: &[f64], errors: &mut [f64]) {
+        for (channel, error) in self.data.channels.iter().zip(errors) {
+            *error = channel.measured_at(step).map_or(0.0, |measured| measured - y[channel.output]);
+        }
     }
 
     /// Predicted samples of all channels with `effects` added, from the initial state.
@@ -187,10 +191,7 @@ impl<'d> FreeRun<'d> {
     /// # Errors
     /// When the run diverges.
     pub fn run_vehicle(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<f64>, ModelError> {
-        if self.data.memory_s.is_none() {
-            return self.sampled_in_blocks(vehicle, initial, None);
-        }
-        self.sampled(vehicle, initial, |_, _| ())
+        self.sampled_in_blocks(vehicle, initial, None)
     }
 
     /// Predicted samples with an additional force on one state: `scale` times one value per step, in the unit
@@ -226,8 +227,8 @@ impl<'d> FreeRun<'d> {
         channels.map(place).collect()
     }
 
-    /// Simulates as [`FreeRun::fly`] where nothing happens between two steps: many steps at once. `hear` is
-    /// called with the first step of a block and its rows.
+    /// Simulates as [`FreeRun::fly`] where nothing happens between two steps but the observer's correction: many steps
+    /// at once. `hear` is called with the first step of a block and its rows. A force is for runs without an observer.
     fn fly_in_blocks(
         &self,
         vehicle: &Vehicle,
@@ -236,6 +237,10 @@ impl<'d> FreeRun<'d> {
         mut hear: impl FnMut(usize, &Rows) -> Result<(), ModelError>,
     ) -> Result<(), ModelError> {
         let data = self.data;
+        if data.memory_s.is_some() && self.observer.is_none() {
+            return Err(ModelError::Diverged);
+        }
+        let (mut errors, mut change) = (vec![0.0; data.channels.len()], vec![0.0; self.states()]);
         let mut known: Option<Rows> = None;
         let ends = data.starts.iter().copied().skip(1).chain([data.steps]);
         let n = self.states();
@@ -247,8 +252,20 @@ impl<'d> FreeRun<'d> {
                 data.inputs[start * data.m..end * data.m].chunks(Rows::MOST * data.m).enumerate()
             {
                 let first = start + block * Rows::MOST;
-                let force = force.map(|(state, force)| (state, &force[first..]));
-                simulator.run_forced_block(inputs, force, rows);
+                match &self.observer {
+                    None => {
+                        let force = force.map(|(state, force)| (state, &force[first..]));
+                        simulator.run_forced_block(inputs, force, rows);
+                    }
+                    Some(observer) => {
+                        let mut correct = |row: usize, y: &[f64], x: &mut [f64]| {
+                            self.errors(first + row, y, &mut errors);
+                            observer.change(first + row, &errors, &mut change);
+                            x.iter_mut().zip(&change).for_each(|(x, change)| *x += change);
+                        };
+                        simulator.run_corrected_block(inputs, &mut correct, rows);
+                    }
+                }
                 hear(first, rows)?;
             }
             if simulator.diverged() {
@@ -294,22 +311,11 @@ impl<'d> FreeRun<'d> {
     /// When the run diverges.
     pub fn run_states(&self, vehicle: &Vehicle, initial: &[f64]) -> Result<Vec<Vec<f64>>, ModelError> {
         let mut states = vec![Vec::with_capacity(self.data.steps); self.states()];
-        if self.data.memory_s.is_none() {
-            self.fly_in_blocks(vehicle, initial, None, |_, rows| {
-                let columns = states.iter_mut().enumerate();
-                columns.for_each(|(i, column)| column.extend_from_slice(rows.state(i)));
-                Ok(())
-            })?;
-            return Ok(states);
-        }
-        self.fly(
-            vehicle,
-            initial,
-            |_, simulator| {
-                states.iter_mut().zip(simulator.state()).for_each(|(column, x)| column.push(*x));
-            },
-            |_, _| true,
-        )?;
+        self.fly_in_blocks(vehicle, initial, None, |_, rows| {
+            let columns = states.iter_mut().enumerate();
+            columns.for_each(|(i, column)| column.extend_from_slice(rows.state(i)));
+            Ok(())
+        })?;
         Ok(states)
     }
 

@@ -69,7 +69,7 @@ pub enum DraftError {
     },
     /// Inputs or outputs are sampled too slowly.
     #[error(
-        "{log}: logged too slowly for a model of the motors or of the rates: {signals}. These dynamics settle within about 0.2 s, so a sample at least every {longest_ms:.0} ms is required; the inputs between samples are unknown. Raise the rate of these topics in the logger, or choose faster ones with --input and --measure"
+        "{log}: logged too slowly for a model of the motors or of the rates: {signals}. These dynamics settle within about 0.2 s, so a sample at least every {longest_ms:.0} ms is required; the inputs between samples are unknown. Raise the rate of these topics in the logger, or choose faster ones with --input and --measure{unit}"
     )]
     TooSlow {
         /// Path of the log.
@@ -78,6 +78,8 @@ pub enum DraftError {
         signals: String,
         /// The longest sufficient interval, ms.
         longest_ms: f64,
+        /// Remark on the unit of the record's times, where it may be another; with a blank before it.
+        unit: String,
     },
     /// The inputs explain no output.
     #[error(

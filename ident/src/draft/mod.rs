@@ -17,6 +17,7 @@ mod compose;
 mod error;
 mod flown;
 mod mixer;
+mod names;
 mod own_past;
 mod presets;
 mod proposal;

@@ -27,6 +27,76 @@ pub const INTEGRALS: [(&str, &str); 3] =
 pub const NONLINEAR_INPUTS: [(&str, &str); 1] =
     [("main.rcCommand", "the pilot's stick before its curve of rates and expo, which no linear model has")];
 
+/// Words of the names of control signals in tables whose columns no program has named.
+pub struct Controls {
+    /// Words with which a name begins.
+    first: &'static [&'static str],
+    /// Words that may be anywhere in a name.
+    anywhere: &'static [&'static str],
+    /// Words that a number follows, as in `u1`.
+    numbered: &'static [&'static str],
+}
+
+impl Controls {
+    /// True where a name of these words is that of a control signal.
+    pub fn fit(&self, words: &[String]) -> bool {
+        let begins = words.len() > 1 && words.first().is_some_and(|word| self.first.contains(&word.as_str()));
+        let numbered = matches!(words, [word, number] if self.numbered.contains(&word.as_str())
+            && number.bytes().all(|b| b.is_ascii_digit()));
+        begins || numbered || words.iter().any(|word| self.anywhere.contains(&word.as_str()))
+    }
+}
+
+/// Names of control signals, in groups, the usual names of a table of inputs first, those of single actuators last.
+pub const CONTROLS: [Controls; 3] = [
+    Controls {
+        first: &["u", "in", "cmd", "command", "setpoint", "control"],
+        anywhere: &[],
+        numbered: &["u", "input"],
+    },
+    Controls {
+        first: &["delta"],
+        anywhere: &[
+            "cmd",
+            "command",
+            "commanded",
+            "control",
+            "ctrl",
+            "setpoint",
+            "sp",
+            "aileron",
+            "elevator",
+            "rudder",
+            "throttle",
+            "collective",
+            "cyclic",
+            "torque",
+            "moment",
+        ],
+        numbered: &[],
+    },
+    Controls {
+        first: &[],
+        anywhere: &[
+            "motor",
+            "motors",
+            "rotor",
+            "rotors",
+            "pwm",
+            "esc",
+            "servo",
+            "actuator",
+            "actuators",
+            "dshot",
+            "rpm",
+        ],
+        numbered: &["m", "w", "omega"],
+    },
+];
+
+/// Units of what is measured at a motor, not of what it is told.
+pub const MEASURED_UNITS: [&str; 4] = ["A", "W", "degC", "C"];
+
 /// All programs, in the order in which they are tried.
 pub const FAMILIES: [Family; 6] = [PX4, ARDUPILOT, BETAFLIGHT, CRAZYFLIE, ROS, COLUMNS];
 
@@ -237,14 +307,50 @@ const COLUMNS: Family = Family {
     name: "table",
     inputs: &[],
     outputs: &[
-        ("roll_rate", &[("roll_rate", "rad/s"), ("p", "rad/s"), ("gyro_x", "rad/s"), ("gx", "rad/s")]),
-        ("pitch_rate", &[("pitch_rate", "rad/s"), ("q", "rad/s"), ("gyro_y", "rad/s"), ("gy", "rad/s")]),
-        ("yaw_rate", &[("yaw_rate", "rad/s"), ("r", "rad/s"), ("gyro_z", "rad/s"), ("gz", "rad/s")]),
+        (
+            "roll_rate",
+            &[
+                ("roll_rate", "rad/s"),
+                ("p", "rad/s"),
+                ("gyro_x", "rad/s"),
+                ("gx", "rad/s"),
+                ("ang_vel_x", "rad/s"),
+                ("angular_velocity_x", "rad/s"),
+                ("omega_x", "rad/s"),
+            ],
+        ),
+        (
+            "pitch_rate",
+            &[
+                ("pitch_rate", "rad/s"),
+                ("q", "rad/s"),
+                ("gyro_y", "rad/s"),
+                ("gy", "rad/s"),
+                ("ang_vel_y", "rad/s"),
+                ("angular_velocity_y", "rad/s"),
+                ("omega_y", "rad/s"),
+            ],
+        ),
+        (
+            "yaw_rate",
+            &[
+                ("yaw_rate", "rad/s"),
+                ("r", "rad/s"),
+                ("gyro_z", "rad/s"),
+                ("gz", "rad/s"),
+                ("ang_vel_z", "rad/s"),
+                ("angular_velocity_z", "rad/s"),
+                ("omega_z", "rad/s"),
+            ],
+        ),
         ("roll", &[("roll", "rad"), ("phi", "rad")]),
         ("pitch", &[("pitch", "rad"), ("theta", "rad")]),
         ("yaw", &[("yaw", "rad"), ("psi", "rad")]),
         ("vertical_acceleration", &[("vertical_acceleration", "m/s^2"), ("az", "m/s^2"), ("acc_z", "m/s^2")]),
-        ("vertical_speed", &[("vertical_speed", "m/s"), ("climb_rate", "m/s"), ("vz", "m/s")]),
+        (
+            "vertical_speed",
+            &[("vertical_speed", "m/s"), ("vertical_velocity", "m/s"), ("climb_rate", "m/s"), ("vz", "m/s")],
+        ),
     ],
     motors: &["pwm1", "pwm2", "pwm3", "pwm4", "motor1", "motor2", "motor3", "motor4"],
 };

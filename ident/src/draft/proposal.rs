@@ -1,7 +1,8 @@
 //! Proposes which signals of a log are inputs and outputs, by name and by unit.
 
 use super::error::DraftError;
-use super::presets::{FAMILIES, Family, INTEGRALS, Known, NONLINEAR_INPUTS};
+use super::names::{bare, last_part, valid_name, vehicle_name, words};
+use super::presets::{CONTROLS, FAMILIES, Family, INTEGRALS, Known, MEASURED_UNITS, NONLINEAR_INPUTS};
 
 /// A signal in a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,9 +48,6 @@ pub struct Choice {
     pub outputs: Vec<String>,
 }
 
-/// Parts of names of columns and fields with control signals.
-const STEERING: [&str; 5] = ["u_", "in_", "cmd", "command", "setpoint"];
-
 /// Lowest rate of a topic of motion: slower topics report states of the system.
 const SLOWEST_TOPIC_HZ: f64 = 2.0;
 
@@ -77,7 +75,7 @@ pub fn propose(
     if choice.inputs.is_empty() {
         proposal.inputs = family.map_or(Vec::new(), |family| known_inputs(family, offered));
         if proposal.inputs.is_empty() {
-            proposal.inputs = vec![steering(offered, clocks)];
+            proposal.inputs = steering(offered, clocks);
         }
     } else {
         proposal.inputs = vec![by_hand(&choice.inputs, "--input", clocks)?];
@@ -85,14 +83,20 @@ pub fn propose(
     if choice.outputs.is_empty() {
         proposal.outputs = family.map_or(Vec::new(), |family| known_outputs(family, offered));
         if proposal.outputs.is_empty() {
-            let inputs: Vec<&str> = proposal.inputs.iter().flatten().map(|c| bare(&c.source)).collect();
+            let first = proposal.inputs.iter().find(|group| !group.is_empty());
+            let inputs: Vec<&str> = first.into_iter().flatten().map(|c| bare(&c.source)).collect();
             proposal.outputs = rates(offered, &inputs);
         }
     } else {
         proposal.outputs = by_hand(&choice.outputs, "--measure", false)?;
     }
     proposal.motors = family.map_or(Vec::new(), |family| motors(family, offered));
-    proposal.inputs.retain(|group| !group.is_empty());
+    let Proposal { inputs, outputs, .. } = &mut proposal;
+    let is_output = |input: &Chosen| outputs.iter().any(|output| bare(&output.source) == bare(&input.source));
+    if choice.inputs.is_empty() {
+        inputs.iter_mut().for_each(|group| group.retain(|input| !is_output(input)));
+    }
+    inputs.retain(|group| !group.is_empty());
     let missing = |what, flag, hint| DraftError::NoSignal { log: log.into(), what, flag, hint };
     if proposal.outputs.is_empty() {
         return Err(missing("an output", "--measure", OUTPUT_HINT));
@@ -174,37 +178,12 @@ fn motors(family: &Family, offered: &[Offered]) -> Vec<Chosen> {
     signals.enumerate().map(|(i, s)| known(&format!("motor_{}", i + 1), &("", ""), s, family)).collect()
 }
 
-/// The last part of a name: `control[0]` of `/fcu/actuator.control[0]`.
-fn last_part(name: &str) -> &str {
-    let (head, index) = name.split_at(name.find('[').unwrap_or(name.len()));
-    let start = head.rfind(['.', '/', ' ']).map_or(0, |at| at + 1);
-    if index.is_empty() { &head[start..] } else { &name[start..] }
-}
-
-/// A name that a vehicle file allows: `control_0` of `control[0]`.
-fn valid_name(name: &str) -> String {
-    let mut clean = String::new();
-    for c in name.chars() {
-        let allowed = c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
-        if allowed {
-            clean.push(c);
-        } else if !clean.is_empty() && !clean.ends_with('_') {
-            clean.push('_');
-        }
-    }
-    clean.trim_end_matches('_').into()
-}
-
-fn vehicle_name(name: &str, clocks: bool) -> String {
-    let own = valid_name(last_part(name));
-    if clocks && !own.starts_with("u_") { format!("u_{own}") } else { own }
-}
-
-/// Signals with a name of a control signal.
-fn steering(offered: &[Offered], clocks: bool) -> Vec<Chosen> {
-    let steers = |o: &&Offered| {
-        let name = last_part(&o.name).to_lowercase();
-        STEERING.iter().any(|start| name.starts_with(start))
+/// Groups of signals with names of control signals, each signal in the first that its name fits.
+fn steering(offered: &[Offered], clocks: bool) -> Vec<Vec<Chosen>> {
+    let group = |o: &Offered| {
+        let words = words(last_part(&o.name));
+        let measured = o.unit.as_deref().is_some_and(|unit| MEASURED_UNITS.contains(&unit));
+        CONTROLS.iter().position(|names| !measured && names.fit(&words))
     };
     let chosen = |o: &Offered| Chosen {
         name: vehicle_name(&o.name, clocks),
@@ -212,7 +191,9 @@ fn steering(offered: &[Offered], clocks: bool) -> Vec<Chosen> {
         interval_s: o.rate_hz.map(|rate| 1.0 / rate),
         why: "named like a control signal".into(),
     };
-    offered.iter().filter(|o| alive(o)).filter(steers).map(chosen).collect()
+    let of =
+        |index: usize| offered.iter().filter(|o| alive(o) && group(o) == Some(index)).map(chosen).collect();
+    (0..CONTROLS.len()).map(of).collect()
 }
 
 /// Signals in a unit of angular rate.
@@ -226,21 +207,6 @@ fn rates(offered: &[Offered], inputs: &[&str]) -> Vec<Chosen> {
     };
     let free = offered.iter().filter(|o| alive(o) && !inputs.contains(&o.name.as_str()));
     free.filter(turns).map(chosen).collect()
-}
-
-/// A source without its unit in brackets.
-fn bare(source: &str) -> &str {
-    split_unit(source).0
-}
-
-/// Splits `name[unit]`; digits in the brackets are an index.
-pub fn split_unit(text: &str) -> (&str, Option<&str>) {
-    let split = || {
-        let (name, unit) = text.strip_suffix(']')?.rsplit_once('[')?;
-        let index = !unit.is_empty() && unit.bytes().all(|b| b.is_ascii_digit());
-        (!index && !name.is_empty()).then_some((name, unit))
-    };
-    split().map_or((text, None), |(name, unit)| (name, Some(unit)))
 }
 
 fn chosen_by_hand(
@@ -356,6 +322,25 @@ mod tests {
         let found = propose("x.csv", &log, false, &Choice::default()).unwrap();
         assert_eq!(pairs(&found.inputs[0]), [("in_lat", "in_lat"), ("cmdTail", "cmdTail")]);
         assert_eq!(pairs(&found.outputs), [("wx", "wx")]);
+    }
+
+    #[test]
+    fn names_of_actuators_are_known_as_words() {
+        let log = offered(&[
+            ("roll_cmd", "", 0.0),
+            ("motor1", "", 0.0),
+            ("pwmFL", "us", 0.0),
+            ("u2", "", 0.0),
+            ("motor_current", "A", 0.0),
+            ("u", "m/s", 0.0),
+            ("resp", "", 0.0),
+            ("roll_rate", "rad/s", 0.0),
+        ]);
+        let found = propose("x.csv", &log, false, &Choice::default()).unwrap();
+        let groups: Vec<_> = found.inputs.iter().map(|group| pairs(group)).collect();
+        assert_eq!(groups[0], [("u2", "u2")]);
+        assert_eq!(groups[1], [("roll_cmd", "roll_cmd")]);
+        assert_eq!(groups[2], [("motor1", "motor1"), ("pwmFL", "pwmFL")]);
     }
 
     #[test]

@@ -7,7 +7,8 @@ use whirlstand_logs::{
 };
 
 use super::error::DraftError;
-use super::proposal::{Chosen, Offered, split_unit};
+use super::names::split_unit;
+use super::proposal::{Chosen, Offered};
 
 /// A log whose signals were listed.
 pub struct Opened {

@@ -17,6 +17,8 @@ use super::select::{cross_validated_errors, regression_errors};
 /// a rise time of some 0.2 s, which needs four to ten samples (Astrom and Wittenmark, Computer-Controlled
 /// Systems, 3rd ed., section 2.9).
 const LONGEST_INTERVAL_S: f64 = 0.05;
+/// Time between two rows from which the unit of the times is doubted, s: ten milliseconds told in milliseconds.
+const LEAST_STRANGE_STEP_S: f64 = 10.0;
 /// Standard errors by which the inputs must predict better than the past alone, as several pairs and horizons
 /// are tried.
 const EXPLAINED_SIGMAS: f64 = 3.0;
@@ -100,6 +102,7 @@ pub fn fast_enough(
             log: record.origin.clone(),
             signals: signals.join(", "),
             longest_ms: 1e3 * LONGEST_INTERVAL_S,
+            unit: unit_remark(record),
         });
     }
     for output in &outputs {
@@ -109,6 +112,17 @@ pub fn fast_enough(
         }
     }
     Ok((fast_inputs, fast_outputs))
+}
+
+/// What to do where the rows of a record are so far apart that its times are probably in a smaller unit than seconds.
+fn unit_remark(record: &Record) -> String {
+    let step_s = record.duration() / (record.len().max(2) - 1) as f64;
+    if step_s < LEAST_STRANGE_STEP_S {
+        return String::new();
+    }
+    format!(
+        ". The rows are {step_s} s apart: if their times are in another unit, give it as in --time COLUMN[us]"
+    )
 }
 
 /// Links every output to the input that explains it best, each input to one output at most. `record` has the

@@ -261,6 +261,9 @@ fn rest_and_slow_logs_are_refused_with_the_reason() {
     assert!(quiet.contains("at rest: roll_rate"), "{quiet}");
     let slow = refusal(|k| (b[k], a[k]), 0.1);
     assert!(slow.contains("too slowly") && slow.contains("u_roll every 100 ms"), "{slow}");
+    assert!(!slow.contains("--time"), "{slow}");
+    let in_microseconds = refusal(|k| (b[k], a[k]), 10_000.0);
+    assert!(in_microseconds.contains("10000 s apart") && in_microseconds.contains("--time COLUMN[us]"));
     let (_dir, path) = table(|k| (b[k], a[k]), 0.01);
     let names =
         Names { choice: Choice { inputs: vec!["u_rol".into()], outputs: Vec::new() }, ..Names::default() };

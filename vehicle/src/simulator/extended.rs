@@ -22,6 +22,9 @@ pub struct Extended {
     delays: Vec<Delay>,
     settings: Settings,
     nonlinear: Option<Nonlinear>,
+    /// Inputs of a period that is one matrix product: those at its end, then those that change within it as they were
+    /// at its beginning, as many as act.
+    period: Vec<f64>,
     /// Actuator lags: index of the effect and of its state.
     lags: Vec<(usize, usize)>,
 }
@@ -58,7 +61,8 @@ impl Extended {
         let cuts = (&disturbances.events()[..], levels);
         let settings = Settings::new(combinations, effects, period_s, sensors, cuts, neutral.len())?;
         let lags = combinations.all[0].system.lags.clone();
-        Ok(Self { period_s, chains, delays, settings, nonlinear, lags })
+        let period = vec![0.0; 2 * neutral.len()];
+        Ok(Self { period_s, chains, delays, settings, nonlinear, period, lags })
     }
 
     /// True when an effect that acts within a step, not only on commands or outputs, can be switched.
@@ -141,7 +145,7 @@ impl Extended {
         }
     }
 
-    /// Advances z over one period, substep by substep; `drive` holds the inputs, then the disturbances of the
+    /// Advances z over one period, at once or substep by substep; `drive` holds the inputs, then the disturbances of the
     /// derivatives.
     #[inline(always)]
     pub fn advance<V: State>(
@@ -156,6 +160,36 @@ impl Extended {
         let inputs = self.chains.len();
         // Without disturbances of the derivatives, only the inputs act.
         let acting = if disturbances.are_none() { inputs } else { drive.len() };
+        let linear = acting == inputs && self.nonlinear.is_none();
+        if linear && let Some(kernel) = self.settings.schedule().whole(step) {
+            let v = &mut drive[..inputs];
+            sensors.remember(0.0, z.as_ref(), v);
+            let changing = self.delays.iter().filter(|delay| delay.fraction_s > 0.0);
+            let (after, before) = self.period.split_at_mut(inputs);
+            before.iter_mut().zip(changing).for_each(|(before, delay)| *before = delay.older());
+            v.iter_mut().zip(&self.delays).for_each(|(value, delay)| *value = delay.newer());
+            after.copy_from_slice(v);
+            z.flow(kernel, &self.period, &mut work.scratch);
+        } else {
+            self.advance_in_parts(step, z, drive, acting, (disturbances, sensors), work);
+        }
+        if self.has_windows() {
+            self.follow(z.as_mut(), drive);
+            self.choose(step + 1, sensors);
+        }
+    }
+
+    #[inline(always)]
+    fn advance_in_parts<V: State>(
+        &mut self,
+        step: u64,
+        z: &mut V,
+        drive: &mut [f64],
+        acting: usize,
+        (disturbances, sensors): (&Disturbances, &mut Sensors),
+        work: &mut Work<V>,
+    ) {
+        let inputs = self.chains.len();
         for substep in self.settings.schedule().substeps(step) {
             let (v, held) = drive.split_at_mut(inputs);
             for (value, delay) in v.iter_mut().zip(&self.delays) {
@@ -170,10 +204,6 @@ impl Extended {
                 Some(nonlinear) => nonlinear.advance(substep, z, &drive[..acting], work),
                 None => z.flow(&substep.levels[0], &drive[..acting], &mut work.scratch),
             }
-        }
-        if self.has_windows() {
-            self.follow(z.as_mut(), drive);
-            self.choose(step + 1, sensors);
         }
     }
 }

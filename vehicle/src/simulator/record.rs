@@ -7,6 +7,17 @@ use super::nonlinear::Work;
 use super::rows::{BLOCK, Rows};
 use crate::model::Engine;
 
+/// Changes the states of a step, given its row in the block and the outputs measured at it.
+type Correction<'c> = &'c mut dyn FnMut(usize, &[f64], &mut [f64]);
+
+/// What acts on a block of steps beside its inputs.
+enum Beside<'f> {
+    Nothing,
+    /// A force on one state, one value per step.
+    Force(usize, &'f [f64]),
+    Correction(Correction<'f>),
+}
+
 impl Simulator {
     /// Runs a whole record: for each row of `inputs` (steps x inputs, row after row) the outputs measured at that
     /// step go into the same row of `outputs` (steps x outputs).
@@ -38,7 +49,7 @@ impl Simulator {
     /// # Panics
     /// When `inputs` has more rows, and when `rows` was made for another simulator.
     pub fn run_block(&mut self, inputs: &[f64], rows: &mut Rows) {
-        self.run_forced_block(inputs, None, rows);
+        self.run_beside(inputs, Beside::Nothing, rows);
     }
 
     /// Runs steps as [`run_block`](Self::run_block) with an additional force on one state, one value per
@@ -48,15 +59,36 @@ impl Simulator {
     /// # Panics
     /// As [`run_block`](Self::run_block), and when the force has not a value for each step.
     pub fn run_forced_block(&mut self, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+        let beside = force.map_or(Beside::Nothing, |(state, force)| Beside::Force(state, force));
+        self.run_beside(inputs, beside, rows);
+    }
+
+    /// Runs steps as [`run_block`](Self::run_block), each of which an observer corrects: equivalent to
+    /// [`correct`](Self::correct) between the measurement and the advance of each step. `correction` is given the step's
+    /// row in the block, the outputs measured there, and the vehicle's states, which it changes. In `rows` are the
+    /// states before their correction.
+    ///
+    /// # Panics
+    /// As [`run_block`](Self::run_block).
+    pub fn run_corrected_block(
+        &mut self,
+        inputs: &[f64],
+        correction: &mut dyn FnMut(usize, &[f64], &mut [f64]),
+        rows: &mut Rows,
+    ) {
+        self.run_beside(inputs, Beside::Correction(correction), rows);
+    }
+
+    fn run_beside(&mut self, inputs: &[f64], beside: Beside<'_>, rows: &mut Rows) {
         rows.length = inputs.len() / self.m.max(1);
         assert!(rows.length <= BLOCK, "at most {BLOCK} steps");
         let plain = self.sensors.are_expected() && self.engine == Engine::Off && !self.has_windows();
         match (self.z.len(), plain) {
-            (4, true) => run_4(self, inputs, force, rows),
-            (8, true) => run_8(self, inputs, force, rows),
-            (12, true) => run_12(self, inputs, force, rows),
-            (16, true) => run_16(self, inputs, force, rows),
-            _ => self.step_by_step(inputs, force, rows),
+            (4, true) => run_4(self, inputs, beside, rows),
+            (8, true) => run_8(self, inputs, beside, rows),
+            (12, true) => run_12(self, inputs, beside, rows),
+            (16, true) => run_16(self, inputs, beside, rows),
+            _ => self.step_by_step(inputs, beside, rows),
         }
     }
 
@@ -67,30 +99,34 @@ impl Simulator {
         self.driven = self.m + self.n;
     }
 
-    fn step_by_step(&mut self, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+    fn step_by_step(&mut self, inputs: &[f64], mut beside: Beside<'_>, rows: &mut Rows) {
         for (row, u) in inputs.chunks_exact(self.m).enumerate() {
-            if let Some((state, force)) = force {
-                self.force(state, force[row]);
+            if let Beside::Force(state, force) = &beside {
+                self.force(*state, force[row]);
             }
             self.apply(u);
-            for (at, y) in self.measure().iter().enumerate() {
+            let y = self.sensors.measure(self.step, self.engine, &self.z, &self.drive);
+            for (at, y) in y.iter().enumerate() {
                 rows.outputs[at * BLOCK + row] = *y;
             }
             for (at, z) in self.z.iter().enumerate() {
                 rows.states[at * BLOCK + row] = *z;
+            }
+            if let Beside::Correction(correct) = &mut beside {
+                correct(row, y, &mut self.z[..self.n]);
             }
             self.advance();
         }
     }
 
     #[inline(always)]
-    fn run_fixed<const N: usize>(&mut self, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
+    fn run_fixed<const N: usize>(&mut self, inputs: &[f64], mut beside: Beside<'_>, rows: &mut Rows) {
         let Some(mut z) = self.z.first_chunk::<N>().copied() else { return };
         let mut work = Work::like(&z);
         let first = self.step;
         for (row, u) in inputs.chunks_exact(self.m).enumerate() {
-            if let Some((state, force)) = force {
-                self.force(state, force[row]);
+            if let Beside::Force(state, force) = &beside {
+                self.force(*state, force[row]);
             }
             self.apply(u);
             for (entry, z) in rows.states.chunks_exact_mut(BLOCK).zip(&z) {
@@ -99,32 +135,42 @@ impl Simulator {
             for (entry, v) in rows.inputs.chunks_exact_mut(BLOCK).zip(&self.drive) {
                 entry[row] = *v;
             }
-            self.sensors.recall(rows, row);
+            if let Beside::Correction(correct) = &mut beside {
+                let y = self.sensors.measure(self.step, self.engine, &z, &self.drive);
+                for (output, y) in rows.outputs.chunks_exact_mut(BLOCK).zip(y) {
+                    output[row] = *y;
+                }
+                correct(row, y, &mut z[..self.n]);
+            } else {
+                self.sensors.recall(rows, row);
+            }
             self.advance_state(&mut z, &mut work);
         }
         self.z.copy_from_slice(&z);
         // Expected disturbances depend on time only.
         self.disturbances.advance(self.step);
-        self.sensors.measure_block(first, rows);
+        if !matches!(beside, Beside::Correction(_)) {
+            self.sensors.measure_block(first, rows);
+        }
     }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
-fn run_4(simulator: &mut Simulator, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
-    simulator.run_fixed::<4>(inputs, force, rows);
+fn run_4(simulator: &mut Simulator, inputs: &[f64], beside: Beside<'_>, rows: &mut Rows) {
+    simulator.run_fixed::<4>(inputs, beside, rows);
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
-fn run_8(simulator: &mut Simulator, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
-    simulator.run_fixed::<8>(inputs, force, rows);
+fn run_8(simulator: &mut Simulator, inputs: &[f64], beside: Beside<'_>, rows: &mut Rows) {
+    simulator.run_fixed::<8>(inputs, beside, rows);
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
-fn run_12(simulator: &mut Simulator, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
-    simulator.run_fixed::<12>(inputs, force, rows);
+fn run_12(simulator: &mut Simulator, inputs: &[f64], beside: Beside<'_>, rows: &mut Rows) {
+    simulator.run_fixed::<12>(inputs, beside, rows);
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
-fn run_16(simulator: &mut Simulator, inputs: &[f64], force: Option<(usize, &[f64])>, rows: &mut Rows) {
-    simulator.run_fixed::<16>(inputs, force, rows);
+fn run_16(simulator: &mut Simulator, inputs: &[f64], beside: Beside<'_>, rows: &mut Rows) {
+    simulator.run_fixed::<16>(inputs, beside, rows);
 }

@@ -26,11 +26,29 @@ pub struct Substep {
     pub levels: Vec<Kernel>,
 }
 
+/// A period that recurs.
+#[derive(Debug, Clone)]
+struct Period {
+    substeps: Vec<Substep>,
+    /// All substeps at once, where nothing but inputs changes within the period: its inputs are those after their changes,
+    /// then those that change as they were before.
+    whole: Option<Kernel>,
+}
+
+/// When the inputs and the sensors act within a period.
+#[derive(Debug, Clone, Copy)]
+pub struct Within<'w> {
+    /// Offset at which each input changes, s; 0 at the beginning.
+    pub changes_s: &'w [f64],
+    /// Offsets at which outputs are sampled, s.
+    pub samples_s: &'w [f64],
+}
+
 /// Substeps of every period.
 #[derive(Debug, Clone)]
 pub struct Schedule {
-    /// Regular substeps and the step from which they apply, ascending, beginning with step 0.
-    regular: Vec<(u64, Vec<Substep>)>,
+    /// Regular periods and the step from which they apply, ascending, beginning with step 0.
+    regular: Vec<(u64, Period)>,
     /// Single periods with additional splits, ascending.
     special: Vec<(u64, Vec<Substep>)>,
     next_regular: usize,
@@ -38,14 +56,16 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// `cuts_s` split every period, `events` only their own; `levels` is the number of halvings of a substep.
+    /// `within` splits every period, `events` only their own; `levels` is the number of halvings of a substep.
     pub fn new(
         system: &System,
         period_s: f64,
-        cuts_s: &[f64],
+        within: Within<'_>,
         events: &[Moment],
         levels: usize,
     ) -> Result<Self, SimulatorError> {
+        let changes_s = within.changes_s.iter().filter(|change| **change > 0.0);
+        let cuts_s: Vec<f64> = changes_s.chain(within.samples_s).copied().collect();
         let transitions: Vec<Moment> = system.transitions_s.iter().map(|t| split(*t, period_s)).collect();
         let build = |step: u64, extra: &[f64]| -> Result<Vec<Substep>, SimulatorError> {
             let mut cuts: Vec<f64> =
@@ -62,14 +82,20 @@ impl Schedule {
                 })
                 .collect()
         };
-        let mut regular = vec![(0, build(0, &[])?)];
+        let period = |step: u64| -> Result<Period, SimulatorError> {
+            let substeps = build(step, &[])?;
+            let whole = (substeps.len() > 1 && within.samples_s.is_empty() && levels == 1)
+                .then(|| whole(&substeps, within.changes_s, period_s));
+            Ok(Period { substeps, whole })
+        };
+        let mut regular = vec![(0, period(0)?)];
         // A stage that begins inside a period is regular from the next one on.
         for &(step, offset) in &transitions {
             let from = if offset > 0.0 { step + 1 } else { step };
             if regular.last().is_some_and(|(last, _)| *last == from) {
                 regular.pop();
             }
-            regular.push((from, build(from, &[])?));
+            regular.push((from, period(from)?));
         }
         let mut steps: Vec<u64> =
             events.iter().chain(&transitions).filter(|e| e.1 > 0.0).map(|e| e.0).collect();
@@ -88,7 +114,7 @@ impl Schedule {
     /// The kernel of all periods but the special ones, where it is the same for all; and the special periods.
     pub fn one_kernel(&self) -> Option<(&Kernel, impl Iterator<Item = u64>)> {
         match &self.regular[..] {
-            [(_, substeps)] if substeps.len() == 1 => {
+            [(_, Period { substeps, .. })] if substeps.len() == 1 => {
                 Some((&substeps[0].levels[0], self.special.iter().map(|(step, _)| *step)))
             }
             _ => None,
@@ -97,17 +123,50 @@ impl Schedule {
 
     /// The substeps of a period; steps must be asked for in ascending order.
     pub fn substeps(&mut self, step: u64) -> &[Substep] {
+        self.seek(step);
+        match self.special.get(self.next_special) {
+            Some((at, substeps)) if *at == step => substeps,
+            _ => &self.regular[self.next_regular].1.substeps,
+        }
+    }
+
+    /// The one kernel of a period of several substeps between which only inputs change. Its inputs are those at the
+    /// period's end, then those that change within it as they were at its beginning. Steps as for [`Self::substeps`].
+    pub fn whole(&mut self, step: u64) -> Option<&Kernel> {
+        self.seek(step);
+        let special = self.special.get(self.next_special).is_some_and(|(at, _)| *at == step);
+        self.regular[self.next_regular].1.whole.as_ref().filter(|_| !special)
+    }
+
+    fn seek(&mut self, step: u64) {
         while self.regular.get(self.next_regular + 1).is_some_and(|(from, _)| *from <= step) {
             self.next_regular += 1;
         }
         while self.special.get(self.next_special).is_some_and(|(at, _)| *at < step) {
             self.next_special += 1;
         }
-        match self.special.get(self.next_special) {
-            Some((at, substeps)) if *at == step => substeps,
-            _ => &self.regular[self.next_regular].1,
+    }
+}
+
+/// All substeps at once. A delay by a fraction of a period otherwise costs a matrix product more per step.
+fn whole(substeps: &[Substep], changes_s: &[f64], period_s: f64) -> Kernel {
+    let changing: Vec<usize> = (0..changes_s.len()).filter(|input| changes_s[*input] > 0.0).collect();
+    let (n, m) = (substeps[0].levels[0].states(), changes_s.len());
+    let mut phi = DMatrix::identity(n, n);
+    let mut gamma = DMatrix::zeros(n, m + changing.len());
+    for substep in substeps {
+        let kernel = &substep.levels[0];
+        let own = DMatrix::from_fn(n, n, |i, j| kernel.entry(i, j));
+        phi = &own * phi;
+        gamma = own * gamma;
+        for input in 0..m {
+            let changed = reached((0, changes_s[input]), 0, substep.start_s, period_s);
+            let before = changing.iter().position(|i| *i == input).filter(|_| !changed);
+            let column = before.map_or(input, |before| m + before);
+            (0..n).for_each(|i| gamma[(i, column)] += kernel.gamma(i, input));
         }
     }
+    Kernel::new(&phi, &gamma)
 }
 
 /// True when `moment` is not after this offset in this step, rounding aside.
@@ -135,4 +194,30 @@ fn substep(
         })
         .collect::<Result<_, SimulatorError>>()?;
     Ok(Substep { start_s, length_s, levels })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_period_at_once_is_its_substeps_one_by_one() {
+        let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -40.0, -3.0]);
+        let b = DMatrix::from_row_slice(2, 3, &[0.0, 0.5, 1.0, 9.0, -4.0, 2.0]);
+        let (period_s, changes_s) = (0.02, [0.0125, 0.0, 0.004]);
+        let ends = [(0.0, 0.004), (0.004, 0.0085), (0.0125, 0.0075)];
+        let stage = (a, b);
+        let substeps = ends.map(|(start_s, length_s)| substep(&stage, 2, start_s, length_s, 1).unwrap());
+        let (before, after) = ([0.3, -1.0, 2.0], [0.7, 0.2, -0.5]);
+        let (mut parts, mut once) = (vec![1.0, -2.0, 0.0, 0.0], vec![1.0, -2.0, 0.0, 0.0]);
+        let mut scratch = vec![0.0; 4];
+        for substep in &substeps {
+            let v: Vec<f64> =
+                (0..3).map(|i| if changes_s[i] <= substep.start_s { after[i] } else { before[i] }).collect();
+            substep.levels[0].advance(&mut parts, &v, &mut scratch);
+        }
+        let u = [after[0], after[1], after[2], before[0], before[2]];
+        whole(&substeps, &changes_s, period_s).advance(&mut once, &u, &mut scratch);
+        assert!(parts.iter().zip(&once).all(|(a, b)| (a - b).abs() < 1e-14), "{parts:?} {once:?}");
+    }
 }

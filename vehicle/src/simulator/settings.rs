@@ -6,7 +6,7 @@
 use super::combinations::{Combination, Combinations};
 use super::compile::Rest;
 use super::inputs::split;
-use super::schedule::Schedule;
+use super::schedule::{Schedule, Within};
 use super::sensors::Sensors;
 use super::switch::Switch;
 use crate::effects::{Effect, Kind, Place};
@@ -47,11 +47,12 @@ impl Settings {
     ) -> Result<Self, SimulatorError> {
         let delays = |i: usize| combinations.delays_s(effects, Kind::InputDelay, Place::Input(i));
         let delays: Vec<Vec<f64>> = (0..inputs).map(delays).collect();
+        let samples_s: Vec<f64> = sensors.cuts_s().collect();
         let setting = |(index, one): (usize, &Combination)| {
             let delays: Vec<(u64, f64)> = delays.iter().map(|d| split(d[index], period_s)).collect();
-            let fractions = delays.iter().map(|d| d.1).filter(|f| *f > 0.0);
-            let cuts: Vec<f64> = fractions.chain(sensors.cuts_s()).collect();
-            let schedule = Schedule::new(&one.system, period_s, &cuts, events, levels)?;
+            let changes_s: Vec<f64> = delays.iter().map(|d| d.1).collect();
+            let within = Within { changes_s: &changes_s, samples_s: &samples_s };
+            let schedule = Schedule::new(&one.system, period_s, within, events, levels)?;
             Ok(Setting { schedule, rests: one.system.rests.clone(), delays })
         };
         Ok(Self {

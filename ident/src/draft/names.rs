@@ -1,0 +1,60 @@
+//! Names of signals: their parts, and names that a vehicle file allows.
+
+/// The last part of a name: `control[0]` of `/fcu/actuator.control[0]`.
+pub fn last_part(name: &str) -> &str {
+    let (head, index) = name.split_at(name.find('[').unwrap_or(name.len()));
+    let start = head.rfind(['.', '/', ' ']).map_or(0, |at| at + 1);
+    if index.is_empty() { &head[start..] } else { &name[start..] }
+}
+
+/// A name that a vehicle file allows: `control_0` of `control[0]`.
+pub fn valid_name(name: &str) -> String {
+    let mut clean = String::new();
+    for c in name.chars() {
+        let allowed = c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
+        if allowed {
+            clean.push(c);
+        } else if !clean.is_empty() && !clean.ends_with('_') {
+            clean.push('_');
+        }
+    }
+    clean.trim_end_matches('_').into()
+}
+
+pub fn vehicle_name(name: &str, clocks: bool) -> String {
+    let own = valid_name(last_part(name));
+    if clocks && !own.starts_with("u_") { format!("u_{own}") } else { own }
+}
+
+/// Words of a name: `motor` and `1` of `motor1`, `cmd` and `tail` of `cmdTail`.
+pub fn words(name: &str) -> Vec<String> {
+    let mut words: Vec<String> = vec![String::new()];
+    let mut last = '_';
+    for c in name.chars() {
+        let begins = c.is_ascii_digit() != last.is_ascii_digit() || c.is_uppercase() && last.is_lowercase();
+        if !c.is_alphanumeric() || begins {
+            words.push(String::new());
+        }
+        if c.is_alphanumeric() {
+            words.last_mut().expect("there is always one").extend(c.to_lowercase());
+        }
+        last = c;
+    }
+    words.retain(|word| !word.is_empty());
+    words
+}
+
+/// A source without its unit in brackets.
+pub fn bare(source: &str) -> &str {
+    split_unit(source).0
+}
+
+/// Splits `name[unit]`; digits in the brackets are an index.
+pub fn split_unit(text: &str) -> (&str, Option<&str>) {
+    let split = || {
+        let (name, unit) = text.strip_suffix(']')?.rsplit_once('[')?;
+        let index = !unit.is_empty() && unit.bytes().all(|b| b.is_ascii_digit());
+        (!index && !name.is_empty()).then_some((name, unit))
+    };
+    split().map_or((text, None), |(name, unit)| (name, Some(unit)))
+}
