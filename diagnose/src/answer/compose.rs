@@ -37,11 +37,7 @@ fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
         heldout: HeldOut::default(),
         unexplained: Unexplained::default(),
         data: checked.found.clone(),
-        remarks: if loaded.options.watch.is_stopped() {
-            vec!["The search was ended early: these are the results up to that point.".into()]
-        } else {
-            Vec::new()
-        },
+        remarks: if loaded.options.watch.is_stopped() { vec![ENDED_EARLY.into()] } else { Vec::new() },
         advice: Vec::new(),
         extended_vehicle: None,
         extended: None,
@@ -196,6 +192,8 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
     }
 }
 
+/// Remark on a partial answer.
+const ENDED_EARLY: &str = "The search was ended early: these are the results up to that point.";
 /// Reason for not calling a model with causes an explanation.
 const UNFORESEEN: &str =
     "held-out data are predicted no better than by the mean or the last value at any horizon";
@@ -286,12 +284,13 @@ fn whole_summary(answer: &Diagnosis) -> String {
         }
         Verdict::Explained => format!("Explained by {}.", list.join("; and ")),
         Verdict::PartlyExplained => {
-            let left = match left {
-                ..0.5 if !answer.remarks.is_empty() => answer.remarks.join("; "),
-                ..0.5 => "the remaining residual is small, but not noise".into(),
-                left => format!("{left:.0} % of the residual power remains"),
-            };
-            format!("Partly explained by {}; {left}.", list.join("; and "))
+            let remains = (left >= 0.5).then(|| format!("{left:.0} % of the residual power remains"));
+            let doubts = answer.remarks.iter().filter(|remark| *remark != ENDED_EARLY).cloned();
+            let mut reasons: Vec<String> = remains.into_iter().chain(doubts).collect();
+            if reasons.is_empty() {
+                reasons.push("the remaining residual is small, but not noise".into());
+            }
+            format!("Partly explained by {}; {}.", list.join("; and "), reasons.join("; "))
         }
         Verdict::Unexplained if answer.unexplained.description.is_empty() => {
             let text = remainder::untold(&answer.vehicle, &answer.outputs, answer.heldout.horizon_s);

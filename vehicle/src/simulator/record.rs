@@ -70,12 +70,7 @@ impl Simulator {
     ///
     /// # Panics
     /// As [`run_block`](Self::run_block).
-    pub fn run_corrected_block(
-        &mut self,
-        inputs: &[f64],
-        correction: &mut dyn FnMut(usize, &[f64], &mut [f64]),
-        rows: &mut Rows,
-    ) {
+    pub fn run_corrected_block(&mut self, inputs: &[f64], correction: Correction<'_>, rows: &mut Rows) {
         self.run_beside(inputs, Beside::Correction(correction), rows);
     }
 

@@ -159,8 +159,8 @@ fn whole(substeps: &[Substep], changes_s: &[f64], period_s: f64) -> Kernel {
         let own = DMatrix::from_fn(n, n, |i, j| kernel.entry(i, j));
         phi = &own * phi;
         gamma = own * gamma;
-        for input in 0..m {
-            let changed = reached((0, changes_s[input]), 0, substep.start_s, period_s);
+        for (input, change_s) in changes_s.iter().enumerate() {
+            let changed = reached((0, *change_s), 0, substep.start_s, period_s);
             let before = changing.iter().position(|i| *i == input).filter(|_| !changed);
             let column = before.map_or(input, |before| m + before);
             (0..n).for_each(|i| gamma[(i, column)] += kernel.gamma(i, input));
