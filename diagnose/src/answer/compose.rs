@@ -14,6 +14,7 @@ use crate::model::free_run::ModelError;
 use crate::model::predictor::gain_of_inputs;
 use crate::residual::lack_of_fit::LackOfFit;
 use crate::screen;
+use crate::search::selection::Refused;
 use crate::stages::check::Checked;
 use crate::stages::findings::Findings;
 use crate::thresholds::{EXPLAINED_SHARE, MIN_BIC_GAIN, REJECTED_TOLD};
@@ -83,6 +84,11 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     let left = answer.verdict == Verdict::Unexplained && leaves_more_than_noise(&findings, data, vehicle);
     if left && answer.unexplained.description.is_empty() {
         answer.unexplained.description = remainder::beside(&answer.outputs, answer.heldout.horizon_s);
+    }
+    if let Some(refused) = contested(&findings).filter(|_| answer.verdict == Verdict::Unexplained)
+        && answer.unexplained.description.is_empty()
+    {
+        answer.unexplained.description = remainder::undecided(refused);
     }
     let mut doubts = doubts::doubts(&answer.causes, &findings);
     // Advice on extrapolation is only given for an explained or a consistent record.
@@ -185,11 +191,17 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
         || hardly_testable(findings, answer)
     {
         Verdict::Inconclusive
-    } else if commands_tell_nothing(data, vehicle) {
+    } else if commands_tell_nothing(data, vehicle) || contested(findings).is_some() {
         Verdict::Unexplained
     } else {
         Verdict::Consistent
     }
+}
+
+/// A cause that was found, and that another contradicts which explains as much: neither is named, but the record is not
+/// consistent either.
+fn contested<'f>(findings: &'f Findings<'_>) -> Option<&'f Refused> {
+    findings.residual.selection.refused.iter().find(|refused| refused.contested)
 }
 
 /// Remark on a partial answer.

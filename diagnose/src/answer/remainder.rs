@@ -8,6 +8,7 @@ use whirlstand_vehicle::Vehicle;
 use crate::answer::schema::{OutputGain, Unexplained};
 use crate::data::record::Data;
 use crate::model::columns::dot;
+use crate::search::selection::Refused;
 use crate::stages::findings::Findings;
 use whirlstand_logs::shown::number;
 use whirlstand_logs::spectrum::welch;
@@ -145,6 +146,12 @@ pub(crate) fn untold(vehicle: &str, outputs: &BTreeMap<String, OutputGain>, hori
         Some(fits) => format!("{text}; the {fits} comes from past measurements alone"),
         None => text,
     }
+}
+
+/// Text on a cause that was found and is not named, because another explains as much.
+pub(crate) fn undecided(refused: &Refused) -> String {
+    let Refused { candidate, delta_bic, why, .. } = refused;
+    format!("{} on {} gains {delta_bic:.0} in BIC, but {why}.", candidate.kind.name(), candidate.place)
 }
 
 /// Range of the outputs' fits over the horizon, as in "fit of 97.1 to 98.2 % over 0.500 s"; `None` where no

@@ -31,10 +31,14 @@ pub fn simpler(kind: Kind, explained: f64, data: &Data) -> Option<(Kind, f64)> {
     })
 }
 
+/// True when a rival that is worse by `gap` in BIC is the equivalent kind that is preferred to a cause.
+pub fn is_twin((own, explained): (Kind, f64), rival: Kind, gap: f64, data: &Data) -> bool {
+    simpler(own, explained, data).is_some_and(|(kind, same)| kind == rival && gap < same)
+}
+
 /// True when a cause is replaced by a rival that is worse by `gap` in BIC.
 pub fn yields((own, explained): (Kind, f64), rival: Kind, gap: f64, data: &Data) -> bool {
-    let simpler = simpler(own, explained, data).is_some_and(|(kind, same)| kind == rival && gap < same);
-    simpler || gap < -lead((own, explained), rival, data)
+    is_twin((own, explained), rival, gap, data) || gap < -lead((own, explained), rival, data)
 }
 
 /// Difference in BIC by which a rival must be better to replace a cause.

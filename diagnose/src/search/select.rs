@@ -11,7 +11,7 @@ use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
 use crate::search::acceptance::{Decision, Rival, decide, rivals};
 use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
-use crate::search::equivalence::{lead, yields};
+use crate::search::equivalence::{is_twin, lead, yields};
 use crate::search::selection::{Accepted, Refused, Selection};
 use crate::search::survey::survey;
 use crate::search::survey_cache::{SurveyCache, Surveyed};
@@ -178,7 +178,12 @@ impl Search<'_, '_, '_> {
             // Of two causes that a short record cannot distinguish, either is named if it is the only cause;
             // beside another cause, a second one is less likely a priori than none.
             let alone = self.model.terms.len() == 1;
-            let excluding = |r: &&Rival| if alone { r.excludes() } else { r.is_as_good() };
+            // A twin that is as good as the preferred one says nothing against it.
+            let excluding = |r: &&Rival| {
+                let twin =
+                    is_twin((r.candidate.kind, own.delta_bic - r.gap), own.candidate.kind, -r.gap, data);
+                !twin && if alone { r.excludes() } else { r.is_as_good() }
+            };
             if let Some(rival) = rivals.iter().filter(excluding).find(determined) {
                 let why = format!(
                     "{} explains as much with a different signature (gains in BIC differ by {:.1}, similarity of signatures {:.2})",
@@ -187,7 +192,7 @@ impl Search<'_, '_, '_> {
                     rival.kappa
                 );
                 contested.push(rival.clone());
-                self.refused.insert(0, Refused::new(own, why));
+                self.refused.insert(0, Refused { contested: true, ..Refused::new(own, why) });
                 (self.model, self.fit) = (reduced, without);
                 accepted.clear();
                 continue;

@@ -31,12 +31,15 @@ pub struct Refused {
     pub delta_bic: f64,
     /// Reason for the refusal.
     pub why: String,
+    /// True for a candidate that met all conditions, and that another contradicts which explains as much.
+    pub contested: bool,
 }
 
 impl Refused {
     /// The refused candidate of an alternative, with the reason.
     pub fn new(Alternative { candidate, optimum, beside, delta_bic, .. }: Alternative, why: String) -> Self {
-        Self { candidate, values: optimum.map(|optimum| optimum.values), beside, delta_bic, why }
+        let values = optimum.map(|optimum| optimum.values);
+        Self { candidate, values, beside, delta_bic, why, contested: false }
     }
 }
 
