@@ -26,7 +26,7 @@ pub fn vehicle_name(name: &str, clocks: bool) -> String {
     if clocks && !own.starts_with("u_") { format!("u_{own}") } else { own }
 }
 
-/// Words of a name: `motor` and `1` of `motor1`, `cmd` and `tail` of `cmdTail`.
+/// Words of a name: `motor` and `1` of `motor1`, `pwm` and `fl` of `pwmFL`.
 pub fn words(name: &str) -> Vec<String> {
     let mut words: Vec<String> = vec![String::new()];
     let mut last = '_';

@@ -27,35 +27,37 @@ pub const INTEGRALS: [(&str, &str); 3] =
 pub const NONLINEAR_INPUTS: [(&str, &str); 1] =
     [("main.rcCommand", "the pilot's stick before its curve of rates and expo, which no linear model has")];
 
-/// Words of the names of control signals in tables whose columns no program has named.
+/// Names of control signals in tables whose columns no program has named.
 pub struct Controls {
-    /// Words with which a name begins.
-    first: &'static [&'static str],
+    /// What a name begins with.
+    begins: &'static [&'static str],
     /// Words that may be anywhere in a name.
     anywhere: &'static [&'static str],
-    /// Words that a number follows, as in `u1`.
+    /// Words that only a number follows, as in `u1`.
     numbered: &'static [&'static str],
 }
 
 impl Controls {
-    /// True where a name of these words is that of a control signal.
-    pub fn fit(&self, words: &[String]) -> bool {
-        let begins = words.len() > 1 && words.first().is_some_and(|word| self.first.contains(&word.as_str()));
+    /// True where a name, of these words, is that of a control signal.
+    pub fn fit(&self, name: &str, words: &[String]) -> bool {
+        let name = name.to_lowercase();
         let numbered = matches!(words, [word, number] if self.numbered.contains(&word.as_str())
             && number.bytes().all(|b| b.is_ascii_digit()));
-        begins || numbered || words.iter().any(|word| self.anywhere.contains(&word.as_str()))
+        self.begins.iter().any(|begin| name.starts_with(begin))
+            || numbered
+            || words.iter().any(|word| self.anywhere.contains(&word.as_str()))
     }
 }
 
 /// Names of control signals, in groups, the usual names of a table of inputs first, those of single actuators last.
 pub const CONTROLS: [Controls; 3] = [
     Controls {
-        first: &["u", "in", "cmd", "command", "setpoint", "control"],
+        begins: &["u_", "in_", "cmd", "command", "setpoint", "control_"],
         anywhere: &[],
-        numbered: &["u", "input"],
+        numbered: &["u", "input", "control"],
     },
     Controls {
-        first: &["delta"],
+        begins: &["delta_"],
         anywhere: &[
             "cmd",
             "command",
@@ -76,7 +78,7 @@ pub const CONTROLS: [Controls; 3] = [
         numbered: &[],
     },
     Controls {
-        first: &[],
+        begins: &[],
         anywhere: &[
             "motor",
             "motors",

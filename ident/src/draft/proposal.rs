@@ -181,9 +181,10 @@ fn motors(family: &Family, offered: &[Offered]) -> Vec<Chosen> {
 /// Groups of signals with names of control signals, each signal in the first that its name fits.
 fn steering(offered: &[Offered], clocks: bool) -> Vec<Vec<Chosen>> {
     let group = |o: &Offered| {
-        let words = words(last_part(&o.name));
+        let name = last_part(&o.name);
+        let words = words(name);
         let measured = o.unit.as_deref().is_some_and(|unit| MEASURED_UNITS.contains(&unit));
-        CONTROLS.iter().position(|names| !measured && names.fit(&words))
+        CONTROLS.iter().position(|names| !measured && names.fit(name, &words))
     };
     let chosen = |o: &Offered| Chosen {
         name: vehicle_name(&o.name, clocks),
@@ -318,9 +319,9 @@ mod tests {
     #[test]
     fn unknown_columns_are_told_by_unit_and_by_what_they_are_called() {
         let log =
-            offered(&[("in_lat", "", 0.0), ("cmdTail", "", 0.0), ("wx", "rad/s", 0.0), ("h", "m", 0.0)]);
+            offered(&[("in_lat", "", 0.0), ("cmdtail", "", 0.0), ("wx", "rad/s", 0.0), ("h", "m", 0.0)]);
         let found = propose("x.csv", &log, false, &Choice::default()).unwrap();
-        assert_eq!(pairs(&found.inputs[0]), [("in_lat", "in_lat"), ("cmdTail", "cmdTail")]);
+        assert_eq!(pairs(&found.inputs[0]), [("in_lat", "in_lat"), ("cmdtail", "cmdtail")]);
         assert_eq!(pairs(&found.outputs), [("wx", "wx")]);
     }
 

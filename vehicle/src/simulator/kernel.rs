@@ -102,11 +102,6 @@ impl Kernel {
         sum
     }
 
-    /// Number of states without padding.
-    pub fn states(&self) -> usize {
-        self.states
-    }
-
     /// Entry of Gamma.
     pub fn gamma(&self, row: usize, column: usize) -> f64 {
         self.entry(row, self.states + column)

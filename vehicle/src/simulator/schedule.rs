@@ -151,7 +151,7 @@ impl Schedule {
 /// All substeps at once. A delay by a fraction of a period otherwise costs a matrix product more per step.
 fn whole(substeps: &[Substep], changes_s: &[f64], period_s: f64) -> Kernel {
     let changing: Vec<usize> = (0..changes_s.len()).filter(|input| changes_s[*input] > 0.0).collect();
-    let (n, m) = (substeps[0].levels[0].states(), changes_s.len());
+    let (n, m) = (substeps[0].levels[0].states, changes_s.len());
     let mut phi = DMatrix::identity(n, n);
     let mut gamma = DMatrix::zeros(n, m + changing.len());
     for substep in substeps {
