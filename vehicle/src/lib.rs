@@ -33,6 +33,7 @@ mod plausible;
 mod random;
 mod signal_unit;
 mod simulator;
+mod subsystem;
 
 pub use builtin::{builtin_names, template_names};
 pub use discretise::{DiscretiseError, discretise, finite_horizon_gramian, matrix_exponential};
@@ -51,3 +52,4 @@ pub use simulator::{
     Backlash, Friction, InputEffects, LinearModel, RateLimit, Rows, Simulator, SimulatorLanes, dead_zone,
     split_time,
 };
+pub use subsystem::Subsystem;

@@ -212,6 +212,13 @@ impl Vehicle {
         self.outputs.iter().position(|s| s.name == name)
     }
 
+    /// The pairs of outputs that mix when the sensor of two is turned (`misalignment`): these, and their rates where the
+    /// vehicle has both, as outputs of the same names with `_rate`.
+    pub fn turned_outputs(&self, i: usize, j: usize) -> [Option<(usize, usize)>; 2] {
+        let rate = |i: usize| self.output_index(&format!("{}_rate", self.outputs[i].name));
+        [Some((i, j)), rate(i).zip(rate(j))]
+    }
+
     /// Units in which the values of each state, input and output are shown to a reader.
     pub fn shown_units(&self) -> ShownSignals {
         ShownSignals::new(

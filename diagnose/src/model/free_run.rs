@@ -1,11 +1,14 @@
 //! Free runs: simulations of a vehicle, with any effects added, over a record's inputs.
 
-use whirlstand_vehicle::{Effect, Rows, Simulator, Vehicle};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use whirlstand_vehicle::{Effect, Rows, Simulator, Subsystem, Vehicle};
 
 use crate::Watch;
 use crate::data::record::{Channel, Data};
 use crate::model::commands::Commands;
 use crate::model::observer::Observer;
+use crate::model::parts::Part;
 use crate::thresholds::DIVERGED_RATIO;
 
 /// Why a hypothesis has no prediction, or no estimate.
@@ -66,6 +69,12 @@ impl Place {
     }
 }
 
+/// Largest magnitude that a run may reach, per channel.
+fn reach(data: &Data) -> Vec<f64> {
+    let peak = |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
+    data.channels.iter().map(|c| DIVERGED_RATIO * peak(&c.values).max(f64::MIN_POSITIVE)).collect()
+}
+
 /// A vehicle that is simulated over one record.
 #[derive(Debug, Clone)]
 pub struct FreeRun<'d> {
@@ -76,7 +85,9 @@ pub struct FreeRun<'d> {
     /// Largest magnitude that a run may reach, per channel.
     reach: Vec<f64>,
     /// Filter that corrects the run by the record itself; `None` for a free run.
-    observer: Option<Observer>,
+    observer: Option<Arc<Observer>>,
+    /// Decoupled parts of the vehicle that fits have asked for.
+    parts: Arc<Mutex<Vec<Arc<Part>>>>,
     /// Whoever waits for the fits over these runs, and may end them.
     watch: Option<&'d Watch>,
 }
@@ -87,12 +98,42 @@ impl<'d> FreeRun<'d> {
         let mut vehicle = vehicle.clone();
         // A simulation does not need the file's text, and copies of a vehicle are made by the hundred.
         vehicle.source_text.clear();
-        let peak =
-            |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
-        let reach = |values: &[f64]| DIVERGED_RATIO * peak(values).max(f64::MIN_POSITIVE);
-        let reach = data.channels.iter().map(|c| reach(&c.values)).collect();
         let observer = data.memory_s.and_then(|memory_s| Observer::new(&vehicle, data, memory_s));
-        Self { data, vehicle, reach, observer, watch: None }
+        Self {
+            data,
+            reach: reach(data),
+            observer: observer.map(Arc::new),
+            vehicle,
+            parts: Arc::default(),
+            watch: None,
+        }
+    }
+
+    /// A decoupled part of the vehicle with its part of the record, made once.
+    pub fn part(&self, subsystem: &Subsystem) -> Arc<Part> {
+        let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = parts.iter().find(|part| part.subsystem == *subsystem) {
+            return Arc::clone(known);
+        }
+        let observer = self.observer.as_ref();
+        let part = Arc::new(Part::new(subsystem.clone(), self.data, observer.map(Arc::as_ref)));
+        parts.push(Arc::clone(&part));
+        part
+    }
+
+    /// Free runs of a part of the vehicle.
+    pub fn of_part<'p>(&self, part: &'p Part) -> FreeRun<'p>
+    where
+        'd: 'p,
+    {
+        FreeRun {
+            data: &part.data,
+            vehicle: part.subsystem.vehicle(&self.vehicle),
+            reach: reach(&part.data),
+            observer: part.observer.clone(),
+            parts: Arc::default(),
+            watch: self.watch,
+        }
     }
 
     /// The same; a fit over these runs ends early, after whole steps, when the watch is stopped.

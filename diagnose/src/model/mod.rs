@@ -13,6 +13,7 @@ pub mod innovations;
 pub mod input_reconstruction;
 pub mod noise;
 pub mod observer;
+pub mod parts;
 pub mod predictor;
 mod profile_interval;
 pub mod reach;

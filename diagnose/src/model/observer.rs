@@ -88,6 +88,14 @@ impl Observer {
         Some(observer)
     }
 
+    /// The filter of a decoupled part, by its states and channels.
+    pub fn of_part(&self, states: &[usize], channels: &[usize]) -> Self {
+        let part = |gains: &Vec<f64>| {
+            channels.iter().flat_map(|c| states.iter().map(move |i| gains[c * self.states + i])).collect()
+        };
+        Self { gains: self.gains.iter().map(part).collect(), steps: self.steps.clone(), states: states.len() }
+    }
+
     /// Correction of the state by the prediction errors (measured minus predicted, one per channel, 0 for a
     /// channel without a sample) at step `k`.
     pub fn change(&self, k: usize, errors: &[f64], out: &mut [f64]) {

@@ -5,7 +5,7 @@
 //! parameters come from one run in which all of them are perturbed (Curtis, Powell and Reid, J. Inst. Maths
 //! Applics 13, 1974).
 
-use whirlstand_vehicle::{Effect, Matrix, Place, Target, Vehicle};
+use whirlstand_vehicle::{Effect, Matrix, Place, Subsystem, Target, Vehicle};
 
 use crate::data::record::Data;
 
@@ -39,13 +39,13 @@ impl Reach {
             };
             for (i, j) in (0..entries.nrows()).flat_map(|i| (0..entries.ncols()).map(move |j| (i, j))) {
                 if entries[(i, j)] != 0.0 {
-                    reach.link(Place::Entry(matrix, i, j));
+                    reach.link(Place::Entry(matrix, i, j), vehicle);
                 }
             }
         }
-        vehicle.effects.iter().for_each(|effect| reach.link(place(effect, vehicle)));
+        vehicle.effects.iter().for_each(|effect| reach.link(place(effect, vehicle), vehicle));
         for target in open {
-            reach.link(place_of(target, vehicle));
+            reach.link(place_of(target, vehicle), vehicle);
         }
         if data.memory_s.is_some() {
             reach.correct();
@@ -55,18 +55,20 @@ impl Reach {
     }
 
     /// Signals on which a place depends, and those that it affects.
-    fn ends(&self, place: Place) -> (Set, Set) {
+    fn ends(&self, place: Place, vehicle: &Vehicle) -> (Set, Set) {
         let (input, output) = (self.states, self.states + self.inputs);
         let one = |signal: usize| -> Set { 1 << signal };
-        let outputs = (output..self.moves.len()).fold(0, |all, signal| all | one(signal));
         match place {
             Place::State(i) => (one(i), one(i)),
             Place::Input(i) => (one(input + i), one(input + i)),
             Place::Output(i) => (one(output + i), one(output + i)),
             Place::StatePair(a, b) => (one(a), one(b)),
             Place::InputPair(a, b) => (one(input + a), one(input + b)),
-            // A misalignment of two outputs mixes their rates too.
-            Place::OutputPair(..) => (outputs, outputs),
+            Place::OutputPair(a, b) => {
+                let turned = vehicle.turned_outputs(a, b).into_iter().flatten();
+                let mixed = turned.fold(0, |all, (a, b)| all | one(output + a) | one(output + b));
+                (mixed, mixed)
+            }
             Place::Entry(Matrix::A, i, j) => (one(j), one(i)),
             Place::Entry(Matrix::B, i, j) => (one(input + j), one(i)),
             Place::Entry(Matrix::C, i, j) => (one(j), one(output + i)),
@@ -75,8 +77,8 @@ impl Reach {
         }
     }
 
-    fn link(&mut self, place: Place) {
-        let (from, onto) = self.ends(place);
+    fn link(&mut self, place: Place, vehicle: &Vehicle) {
+        let (from, onto) = self.ends(place, vehicle);
         let signals = self.moves.len();
         (0..signals).filter(|s| from >> s & 1 == 1).for_each(|s| self.moves[s] |= onto);
     }
@@ -116,6 +118,27 @@ impl Reach {
         self.channels.iter().enumerate().map(bit).fold(0, |all, c| all | c)
     }
 
+    /// The decoupled part of the vehicle around some channels: all signals that affect them, or channels that these
+    /// affect too. `None` where that is the whole.
+    pub fn part_around(&self, channels: Set) -> Option<Subsystem> {
+        let reached: Vec<Set> = (0..self.moves.len()).map(|signal| self.channels(1 << signal)).collect();
+        let mut part = channels;
+        // Each turn adds a channel, or is the last.
+        for _ in 0..self.channels.len() {
+            part = reached.iter().filter(|own| **own & part != 0).fold(part, |all, own| all | own);
+        }
+        let whole = reached.iter().fold(0, |all, own| all | own);
+        let outputs = self.states + self.inputs;
+        let within = |from: usize, to: usize| -> Vec<usize> {
+            (from..to).filter(|signal| reached[*signal] & part != 0).map(|signal| signal - from).collect()
+        };
+        (part != whole).then(|| Subsystem {
+            states: within(0, self.states),
+            inputs: within(self.states, outputs),
+            outputs: within(outputs, self.moves.len()),
+        })
+    }
+
     /// The channels that a state affects.
     pub fn of_state(&self, state: usize) -> Set {
         self.channels(1 << state)
@@ -123,12 +146,12 @@ impl Reach {
 
     /// The channels that an entry of the vehicle affects.
     pub fn of_target(&self, target: &Target, vehicle: &Vehicle) -> Set {
-        self.channels(self.ends(place_of(target, vehicle)).1)
+        self.channels(self.ends(place_of(target, vehicle), vehicle).1)
     }
 
     /// The channels that an effect affects.
     pub fn of_effect(&self, effect: &Effect, vehicle: &Vehicle) -> Set {
-        self.channels(self.ends(place(effect, vehicle)).1)
+        self.channels(self.ends(place(effect, vehicle), vehicle).1)
     }
 }
 

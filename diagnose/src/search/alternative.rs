@@ -70,7 +70,8 @@ pub fn fitted_with(
     joined(model, fit, candidate, values, effort)
 }
 
-/// Fits the model with the candidate, starting from the given values of all parameters.
+/// Fits the model with the candidate, starting from the given values of all parameters: of all axes, or of the one on which
+/// the candidate acts.
 pub fn joined(
     model: &Model<'_, '_>,
     fit: &Fit,
@@ -83,7 +84,9 @@ pub fn joined(
     // Another mode answers to its initial state in another way from the first step on.
     let nearby = candidate.kind != Kind::ModeTransition;
     let initial = nearby.then(|| &fit.columns[..model.states()]);
-    let result = extended.optimum(values, fit.profile.noise.shared(), initial, effort).ok()?;
+    let own = &values[values.len() - candidate.tunables.len()..];
+    let others = [&fit.values, own].concat();
+    let result = extended.optimum_beside(fit, (candidate, own), (&values, others), initial, effort).ok()?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
     let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
     let beside = model.terms.clone();

@@ -273,8 +273,12 @@ fn without<'r, 'd>(
     let range = model.range(term);
     reduced.terms.remove(term);
     let mut values = fit.values.clone();
-    values.drain(range);
-    let without = reduced.fit(values, fit.profile.noise.shared(), Some(&fit.columns[..model.states()]))?;
+    let own: Vec<f64> = values.drain(range).collect();
+    let initial = &fit.columns[..model.states()];
+    let changed = (&model.terms[term], own.as_slice());
+    let optimum =
+        reduced.optimum_beside(fit, changed, (&values, values.clone()), Some(initial), Effort::Full)?;
+    let without = reduced.at(&optimum, initial)?;
     Ok((reduced, without))
 }
 

@@ -224,7 +224,7 @@ fn scored_starts(
 ) -> Vec<ScoredStart> {
     let mut best: Vec<Option<ScoredStart>> = vec![None; score_tests.len()];
     for (start, values) in candidate.starts.iter().enumerate() {
-        let Some(signature) = signature(model, fit, candidate, values) else { continue };
+        let Ok(signature) = model.change(fit, candidate, values) else { continue };
         for (f, score_test) in score_tests.iter().enumerate() {
             let mut look = score_test.score(&signature);
             if candidate.kind == Kind::ModeTransition {
@@ -252,15 +252,6 @@ fn two_sided(candidate: &Candidate) -> bool {
     candidate.linear && candidate.tunables.last().is_some_and(|t| t.lower < candidate.null)
 }
 
-/// Change of the predicted samples when the candidate is added.
-fn signature(model: &Model<'_, '_>, fit: &Fit, candidate: &Candidate, values: &[f64]) -> Option<Vec<f64>> {
-    let mut vehicle = model.vehicle(&fit.values).ok()?;
-    vehicle.add_effect(candidate.effect(values)?).ok()?;
-    let mut samples = model.free_run.run_vehicle(&vehicle, &fit.values[..model.states()]).ok()?;
-    samples.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y -= p);
-    Some(samples)
-}
-
 /// Start values of a fit: at the amplitude of the score where the response is proportional to it.
 fn start(candidate: &Candidate, scored: &ScoredStart) -> Vec<f64> {
     let mut values = candidate.starts[scored.start].clone();
@@ -283,7 +274,7 @@ fn profiled(
     amplitude: f64,
 ) -> Option<f64> {
     let data = model.free_run.data;
-    let mut signature = signature(model, fit, candidate, values)?;
+    let mut signature = model.change(fit, candidate, values).ok()?;
     data.fill(&mut signature);
     let rest: Vec<f64> = fit.residual.iter().zip(&signature).map(|(r, s)| r - amplitude * s).collect();
     let profile = fit.profile.noise.again(data, &score_test.without_nuisances(&rest));

@@ -78,6 +78,11 @@ impl Effect {
         &self.place
     }
 
+    /// The same effect at an entry of a matrix, row and column from 0.
+    pub(crate) fn at_entry(&self, matrix: Matrix, row: usize, column: usize) -> Self {
+        Self { place: format!("{matrix}[{},{}]", row + 1, column + 1), ..self.clone() }
+    }
+
     /// The effect and its place, as text.
     pub fn told(&self) -> String {
         format!("{} at {}", self.kind, self.place)

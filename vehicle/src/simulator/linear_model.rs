@@ -199,9 +199,7 @@ impl LinearModel {
         for (effect, place) in effects {
             match (effect.kind(), *place) {
                 (_, Place::OutputPair(i, j)) => {
-                    self.turn(i, j, effect.get("angle_rad"));
-                    let rate = |i: usize| vehicle.output_index(&format!("{}_rate", vehicle.outputs[i].name));
-                    if let (Some(i), Some(j)) = (rate(i), rate(j)) {
+                    for (i, j) in vehicle.turned_outputs(i, j).into_iter().flatten() {
                         self.turn(i, j, effect.get("angle_rad"));
                     }
                 }

@@ -61,12 +61,8 @@ impl Sensors {
             match *place {
                 Place::OutputPair(i, j) => {
                     let (sine, cosine) = libm::sincos(effect.get("angle_rad"));
-                    let switch = Switch::new(index, effect);
-                    turned.push((i, j, cosine, sine, switch.clone()));
-                    let rate = |i: usize| vehicle.output_index(&format!("{}_rate", vehicle.outputs[i].name));
-                    if let (Some(i), Some(j)) = (rate(i), rate(j)) {
-                        turned.push((i, j, cosine, sine, switch));
-                    }
+                    let pairs = vehicle.turned_outputs(i, j).into_iter().flatten();
+                    turned.extend(pairs.map(|(i, j)| (i, j, cosine, sine, Switch::new(index, effect))));
                 }
                 Place::Output(i) => {
                     let stream = seed.map(|seed| Stream::new(seed, &consumer(effects, index)));

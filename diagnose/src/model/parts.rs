@@ -1,0 +1,306 @@
+//! Fits of one decoupled part of a vehicle.
+//!
+//! Where an axis is decoupled from the others, a cause on it changes nothing for them: beside a fit of all axes, only
+//! its own is fitted again. The likelihood is a sum over the channels, each with a noise model of its own, so that
+//! the parts' optima together are the optimum of the whole.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use whirlstand_vehicle::{Effect, Free, Subsystem, Vehicle};
+
+use crate::candidates::library::Candidate;
+use crate::data::record::{Channel, Data};
+use crate::model::columns::Column;
+use crate::model::fit::{Effort, Fit, Model, Optimum};
+use crate::model::free_run::{FreeRun, ModelError};
+use crate::model::noise::{Noise, Profile};
+use crate::model::observer::Observer;
+use crate::model::reach::Reach;
+
+/// A decoupled part of a vehicle, and its part of a record.
+#[derive(Debug)]
+pub struct Part {
+    /// States, inputs and outputs of the part.
+    pub subsystem: Subsystem,
+    /// Indices of its channels in the record.
+    pub channels: Vec<usize>,
+    /// The record with its inputs and channels only.
+    pub data: Data,
+    /// Its part of the filter that follows the record.
+    pub observer: Option<Arc<Observer>>,
+}
+
+impl Part {
+    /// A part of a record, and of the filter that follows it.
+    pub fn new(subsystem: Subsystem, data: &Data, observer: Option<&Observer>) -> Self {
+        let (mut indices, mut channels) = (Vec::new(), Vec::new());
+        for (c, channel) in data.channels.iter().enumerate() {
+            if let Some(output) = subsystem.outputs.iter().position(|i| *i == channel.output) {
+                indices.push(c);
+                channels.push(Channel { output, ..channel.clone() });
+            }
+        }
+        let inputs = data.inputs.chunks_exact(data.m);
+        let data = Data {
+            inputs: inputs.flat_map(|u| subsystem.inputs.iter().map(|j| u[*j])).collect(),
+            m: subsystem.inputs.len(),
+            channels,
+            origin: data.origin.clone(),
+            starts: data.starts.clone(),
+            clocks: data.clocks.clone(),
+            ..*data
+        };
+        let observer = observer.map(|whole| Arc::new(whole.of_part(&subsystem.states, &indices)));
+        Self { subsystem, channels: indices, data, observer }
+    }
+}
+
+/// A model of one part, with where its values and samples are in those of the whole.
+struct Within {
+    part: Arc<Part>,
+    /// The effect that was added or removed, at its place in the part.
+    changed: Effect,
+    free: Vec<Free>,
+    terms: Vec<Candidate>,
+    /// Index in the whole of every value.
+    values: Vec<usize>,
+    /// Sample ranges in the whole of its channels.
+    ranges: Vec<Range<usize>>,
+}
+
+impl Model<'_, '_> {
+    /// The optimum as by [`Model::optimum`], beside a `fit` at its optimum of the same model with or without a term.
+    /// `others` are the values in that fit of all parameters of this model; those of parts on which the `changed` term
+    /// does not act stay. `initial` as in [`Model::fit`].
+    ///
+    /// # Errors
+    /// As [`Model::optimum`].
+    pub fn optimum_beside(
+        &self,
+        fit: &Fit,
+        changed: (&Candidate, &[f64]),
+        (start, others): (&[f64], Vec<f64>),
+        initial: Option<&[Column]>,
+        effort: Effort,
+    ) -> Result<Optimum, ModelError> {
+        let noise = fit.profile.noise.shared();
+        let within = if noise.is_none() { self.within(changed, start) } else { None };
+        let Some(within) = within else { return self.optimum(start.to_vec(), noise, initial, effort) };
+        let free_run = self.free_run.of_part(&within.part);
+        let model = within.model(&free_run);
+        let initial = initial.map(|columns| -> Vec<Column> {
+            let states = &within.values[..model.states()];
+            states.iter().map(|i| Arc::new(within.samples(&columns[*i]))).collect()
+        });
+        let found = model.optimum(within.own(start), None, initial.as_deref(), effort)?;
+        let mut values = others;
+        within.values.iter().zip(&found.values).for_each(|(i, value)| values[*i] = *value);
+        let before = Noise::fit(&within.part.data, &within.samples(&fit.residual));
+        Ok(Optimum { values, profile: within.joined(&fit.profile, &before, found.profile) })
+    }
+
+    /// Change of the predicted samples when an effect is added to this model at its fit.
+    ///
+    /// # Errors
+    /// When the effect does not fit, or the run diverges.
+    pub fn change(&self, fit: &Fit, candidate: &Candidate, own: &[f64]) -> Result<Vec<f64>, ModelError> {
+        let add = |vehicle: Result<Vehicle, ModelError>, effect: Effect| {
+            let mut vehicle = vehicle?;
+            vehicle.add_effect(effect).map_err(|_| ModelError::Inapplicable)?;
+            Ok(vehicle)
+        };
+        let Some(within) = self.within((candidate, own), &fit.values) else {
+            let effect = candidate.effect(own).ok_or(ModelError::Inapplicable)?;
+            let vehicle = add(self.vehicle(&fit.values), effect)?;
+            let mut samples = self.free_run.run_vehicle(&vehicle, &fit.values[..self.states()])?;
+            samples.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y -= p);
+            return Ok(samples);
+        };
+        let free_run = self.free_run.of_part(&within.part);
+        let (model, values) = (within.model(&free_run), within.own(&fit.values));
+        let vehicle = add(model.vehicle(&values), within.changed.clone())?;
+        let mut run = free_run.run_vehicle(&vehicle, &values[..model.states()])?.into_iter();
+        let mut samples = vec![0.0; fit.predicted.len()];
+        for range in &within.ranges {
+            let predicted = &fit.predicted[range.clone()];
+            samples[range.clone()].iter_mut().zip(predicted).zip(&mut run).for_each(|((s, p), y)| *s = y - p);
+        }
+        Ok(samples)
+    }
+
+    /// The model of the part on which a term acts, beside the terms at these values; `None` where that is the whole.
+    fn within(&self, (changed, own): (&Candidate, &[f64]), values: &[f64]) -> Option<Within> {
+        let free_run = self.free_run;
+        let effect = changed.effect(own)?;
+        let mut whole = self.vehicle(values).ok()?;
+        if !self.terms.contains(changed) {
+            whole.add_effect(effect.clone()).ok()?;
+        }
+        let reach = Reach::new(&whole, free_run.data, self.free.iter().map(|free| &free.target));
+        let subsystem = reach.part_around(reach.of_effect(&effect, &whole))?;
+        if subsystem.inputs.is_empty() {
+            return None;
+        }
+        let part = free_run.part(&subsystem);
+        let n = self.states() / free_run.data.starts.len().max(1);
+        let records = (0..free_run.data.starts.len()).map(|record| record * n);
+        let mut places: Vec<usize> =
+            records.flat_map(|first| subsystem.states.iter().map(move |state| first + state)).collect();
+        let mut free = Vec::new();
+        for (i, of_whole) in self.free.iter().enumerate() {
+            if let Some(of_part) = subsystem.free(of_whole, &free_run.vehicle) {
+                free.push(of_part);
+                places.push(self.states() + i);
+            }
+        }
+        let mut terms = Vec::new();
+        for (t, term) in self.terms.iter().enumerate() {
+            let effect = term.effect(&values[self.range(t)])?;
+            if let Some(of_part) = subsystem.effect(&effect, &whole) {
+                terms.push(Candidate { place: of_part.place().into(), ..term.clone() });
+                places.extend(self.range(t));
+            }
+        }
+        let ranges = free_run.data.ranges();
+        let ranges = part.channels.iter().map(|c| ranges[*c].clone()).collect();
+        let changed = subsystem.effect(&effect, &whole)?;
+        Some(Within { part, changed, free, terms, values: places, ranges })
+    }
+}
+
+impl Within {
+    /// The model over free runs of the part.
+    fn model<'w>(&'w self, free_run: &'w FreeRun<'w>) -> Model<'w, 'w> {
+        Model { free_run, free: &self.free, terms: self.terms.clone() }
+    }
+
+    /// The part's values among those of the whole.
+    fn own(&self, of_whole: &[f64]) -> Vec<f64> {
+        self.values.iter().map(|i| of_whole[*i]).collect()
+    }
+
+    /// The part's samples among those of the whole.
+    fn samples(&self, of_whole: &[f64]) -> Vec<f64> {
+        self.ranges.iter().flat_map(|range| &of_whole[range.clone()]).copied().collect()
+    }
+
+    /// The whole's profile with that of the part in place of what it was before.
+    fn joined(&self, whole: &Profile, before: &Profile, after: Profile) -> Profile {
+        let mut all = whole.clone();
+        let own = after.noise.channels.into_iter().zip(after.noise.total);
+        for (c, (channel, total)) in self.part.channels.iter().zip(own) {
+            all.noise.channels[*c] = channel;
+            all.noise.total[*c] = total;
+        }
+        all.log_likelihood += after.log_likelihood - before.log_likelihood;
+        all.parameters = all.parameters + after.parameters - before.parameters;
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::candidates::library::{Sizes, library};
+    use crate::data::flown::flown;
+    use whirlstand_vehicle::Kind;
+
+    /// Two decoupled axes; free entries and an effect on each.
+    fn two_axes() -> Vehicle {
+        let text = r#"
+            A = [[-2.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -4.0, -1.0]]
+            B = [[0.0, 5.0], [0.0, 0.0], [3.0, 0.0]]
+            C = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+            states = [{ name = "r" }, { name = "phi" }, { name = "p" }]
+            inputs = [{ name = "u_roll" }, { name = "u_yaw" }]
+            outputs = [
+                { name = "roll", noise = 0.01 }, { name = "yaw_rate", noise = 0.02 }, { name = "roll_rate", noise = 0.02 },
+            ]
+            free = [
+                { entry = "A[1,1]", lower = -9.0, upper = 0.0 },
+                { entry = "A[3,3]", lower = -9.0, upper = 0.0 },
+                { effect = "actuator_lag", where = "u_yaw", parameter = "time_constant_s", lower = 0.01, upper = 1.0 },
+            ]
+            [[effects]]
+            effect = "actuator_lag"
+            where = "u_roll"
+            time_constant_s = 0.05
+            [[effects]]
+            effect = "actuator_lag"
+            where = "u_yaw"
+            time_constant_s = 0.1
+        "#;
+        Vehicle::parse(text, "axes.toml").unwrap()
+    }
+
+    /// A fit of one axis beside the other is the fit of both, whether the vehicle runs free or follows the record, also
+    /// where a cause couples the axes.
+    #[test]
+    fn what_is_fitted_on_one_axis_is_the_fit_of_all() {
+        let vehicle = two_axes();
+        let mut true_vehicle = vehicle.clone();
+        let effects = [
+            Effect::new(Kind::InputGain, "u_roll", &[("factor", 0.8)]).unwrap(),
+            Effect::new(Kind::DeadZone, "u_yaw", &[("width", 0.1)]).unwrap(),
+        ];
+        effects.into_iter().for_each(|effect| true_vehicle.add_effect(effect).unwrap());
+        let input = |k: usize, j: usize| if k % (70 + 30 * j) < 35 { 0.3 } else { -0.3 };
+        let inputs: Vec<f64> = (0..2000).map(|at| input(at / 2, at % 2)).collect();
+        let flight = flown(&true_vehicle, inputs, 5);
+        let candidates = library(&vehicle, &Sizes::ones(&vehicle, 20.0, 0.02), &[0, 1, 2]);
+        let candidate = |kind: Kind, place: &str| -> Candidate {
+            candidates.iter().find(|c| c.kind == kind && c.place == place).unwrap().clone()
+        };
+        let cases = [
+            (candidate(Kind::InputGain, "u_roll"), vec![0.9], 2),
+            (candidate(Kind::DeadZone, "u_yaw"), vec![0.05], 1),
+            (candidate(Kind::SensorScale, "yaw_rate"), vec![1.1], 1),
+            (candidate(Kind::InputCoupling, "u_roll->u_yaw"), vec![0.1], 3),
+        ];
+        for memory_s in [None, Some(0.5)] {
+            let data = Data { memory_s, ..flight.clone() };
+            let free_run = FreeRun::new(&vehicle, &data);
+            let mut model = Model { free_run: &free_run, free: &vehicle.free, terms: Vec::new() };
+            let mut start = vec![0.0; 3];
+            start.extend(vehicle.free.iter().map(|free| vehicle.free_value(&free.target)));
+            // Beside a term of one axis, and without any.
+            for beside in [None, Some((candidate(Kind::InputBias, "u_yaw"), 0.01))] {
+                if let Some((term, value)) = beside {
+                    model.terms.push(term);
+                    start.push(value);
+                }
+                let fit = model.fit(start.clone(), None, None).unwrap();
+                for (candidate, own, outputs) in &cases {
+                    let what = format!("{memory_s:?}, {}, {} terms", candidate.name(), model.terms.len());
+                    let within = model.within((candidate, own), &fit.values);
+                    let seen = within.map_or(3, |within| within.part.subsystem.outputs.len());
+                    assert_eq!(seen, *outputs, "{what}");
+                    agree(&model, &fit, (candidate, own), &what);
+                }
+            }
+        }
+    }
+
+    fn agree(model: &Model<'_, '_>, fit: &Fit, (candidate, own): (&Candidate, &[f64]), what: &str) {
+        let mut extended = model.clone();
+        extended.terms.push(candidate.clone());
+        let start = [&fit.values, own].concat();
+        let change = model.change(fit, candidate, own).unwrap();
+        let all = extended.predict(&start).unwrap();
+        for ((change, all), before) in change.iter().zip(&all).zip(&fit.predicted) {
+            assert!((change - (all - before)).abs() < 1e-9, "{what}: {change} and {}", all - before);
+        }
+        let initial = Some(&fit.columns[..model.states()]);
+        let whole = extended.optimum(start.clone(), None, initial, Effort::Full).unwrap();
+        let beside = (&start[..], start.clone());
+        let part = extended.optimum_beside(fit, (candidate, own), beside, initial, Effort::Full).unwrap();
+        let gain = |optimum: &Optimum| optimum.profile.log_likelihood - fit.profile.log_likelihood;
+        assert!((gain(&part) - gain(&whole)).abs() < 0.05, "{what}: {} and {}", gain(&part), gain(&whole));
+        assert_eq!(part.profile.parameters, whole.profile.parameters, "{what}");
+        let again = extended.at(&part, initial.unwrap()).unwrap();
+        let profile = Noise::fit(model.free_run.data, &again.residual);
+        let apart = (profile.log_likelihood - part.profile.log_likelihood).abs();
+        assert!(apart < 1e-6, "{what}: the likelihood of its values is apart by {apart}");
+    }
+}
