@@ -1,14 +1,9 @@
-//! The matrix exponential, and what follows exactly from it over one sample period: zero-order-hold discretisation and
-//! the Gramian of a finite horizon (Van Loan, "Computing integrals involving the matrix exponential", IEEE TAC 23,
-//! 1978). A plant whose modes move far within the period is taken there by [`crate::doubling`].
+//! The matrix exponential, and its integrals over one sample period: zero-order-hold discretisation and the Gramian of a
+//! finite horizon, both by [`crate::doubling`].
 
 use nalgebra::DMatrix;
 
 use crate::doubling::Balanced;
-
-/// 1-norm of A times the period up to which one exponential of a block matrix suffices. Such a block may
-/// contain exp(-A t), whose norm is then at most e: the loss is one digit.
-const GENTLE: f64 = 1.0;
 
 /// Largest 1-norm of A times the period, and of a matrix whose exponential is computed: its tenth power, from
 /// which the number of squarings follows, must not overflow.
@@ -27,8 +22,7 @@ pub enum DiscretiseError {
 
 /// Transition and input matrix of dx/dt = A x + B u over `period_s` with u held: x+ = Phi x + Gamma u.
 ///
-/// Both follow from one exponential of [A B; 0 0], so A may be singular; for a stiff plant, from a short step
-/// that is doubled. The error is a few units in the last place of the largest entry, in units that balance
+/// Both follow from a short step that is doubled, so A may be singular and stiff. The error is a few units in the last place of the largest entry, in units that balance
 /// rows and columns of A, for any ratio of the slowest to the fastest mode.
 ///
 /// # Errors
@@ -39,29 +33,20 @@ pub fn discretise(
     b: &DMatrix<f64>,
     period_s: f64,
 ) -> Result<(DMatrix<f64>, DMatrix<f64>), DiscretiseError> {
-    let (n, m) = (a.nrows(), b.ncols());
+    let n = a.nrows();
     if a.ncols() != n || b.nrows() != n {
         return Err(DiscretiseError::Shape);
     }
-    if !is_gentle(a, period_s)? {
-        let (phi, gamma) = Balanced::new(a, period_s).transition_and_input(b);
-        return Ok((finite(phi)?, finite(gamma)?));
-    }
-    let mut block = DMatrix::zeros(n + m, n + m);
-    block.view_mut((0, 0), (n, n)).copy_from(a);
-    block.view_mut((0, n), (n, m)).copy_from(b);
-    let exponential = matrix_exponential(&(block * period_s))?;
-    let phi = exponential.view((0, 0), (n, n)).into_owned();
-    let gamma = exponential.view((0, n), (n, m)).into_owned();
-    Ok((phi, gamma))
+    check_norm(a, period_s)?;
+    let (phi, gamma) = Balanced::new(a, period_s).transition_and_input(b);
+    Ok((finite(phi)?, finite(gamma)?))
 }
 
 /// The Gramian of a finite horizon, the integral of exp(A t) W exp(A' t) over t from 0 to `horizon_s`, n x n and
 /// symmetric.
 ///
 /// With W the density of white noise on the derivatives it is the covariance of the states after the horizon;
-/// with A transposed and W a weight it is the cost of the states' free motion over it. It is computed from
-/// the exponential of [-A W; 0 A'] where exp(-A t) stays small, else from a short step that is doubled.
+/// with A transposed and W a weight it is the cost of the states' free motion over it.
 ///
 /// # Errors
 /// [`DiscretiseError::Shape`] unless `a` and `w` are n x n; [`DiscretiseError::NotFinite`] when an entry is not finite
@@ -75,23 +60,13 @@ pub fn finite_horizon_gramian(
     if a.ncols() != n || w.shape() != (n, n) {
         return Err(DiscretiseError::Shape);
     }
-    if !is_gentle(a, horizon_s)? {
-        return finite(Balanced::new(a, horizon_s).gramian(w));
-    }
-    let mut block = DMatrix::zeros(2 * n, 2 * n);
-    block.view_mut((0, 0), (n, n)).copy_from(&(a * -horizon_s));
-    block.view_mut((0, n), (n, n)).copy_from(&(w * horizon_s));
-    block.view_mut((n, n), (n, n)).copy_from(&(a.transpose() * horizon_s));
-    let exponential = matrix_exponential(&block)?;
-    let transition = exponential.view((n, n), (n, n)).transpose();
-    let gramian = transition * exponential.view((0, n), (n, n));
-    finite((&gramian + gramian.transpose()) * 0.5)
+    check_norm(a, horizon_s)?;
+    finite(Balanced::new(a, horizon_s).gramian(w))
 }
 
-/// True when the 1-norm of A times the period is small.
-fn is_gentle(a: &DMatrix<f64>, period_s: f64) -> Result<bool, DiscretiseError> {
-    let norm = one_norm(a) * period_s.abs();
-    if norm <= LARGEST_NORM { Ok(norm <= GENTLE) } else { Err(DiscretiseError::NotFinite) }
+fn check_norm(a: &DMatrix<f64>, length_s: f64) -> Result<(), DiscretiseError> {
+    let norm = one_norm(a) * length_s.abs();
+    if norm <= LARGEST_NORM { Ok(()) } else { Err(DiscretiseError::NotFinite) }
 }
 
 /// Maximum column sum of magnitudes; NaN when an entry is.
@@ -114,10 +89,7 @@ pub fn matrix_exponential(m: &DMatrix<f64>) -> Result<DMatrix<f64>, DiscretiseEr
     if m.nrows() != m.ncols() {
         return Err(DiscretiseError::Shape);
     }
-    let norm = one_norm(m);
-    if norm.is_nan() || norm > LARGEST_NORM {
-        return Err(DiscretiseError::NotFinite);
-    }
+    check_norm(m, 1.0)?;
     #[expect(clippy::disallowed_methods, reason = "the squarings are few, as the norm is bounded")]
     let exponential = m.exp();
     finite(exponential)

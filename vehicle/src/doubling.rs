@@ -41,10 +41,12 @@ impl Balanced {
 
     /// The mean of exp(A t) over the short step: I + X/2! + X^2/3! + ...
     fn mean_transition(&self) -> DMatrix<f64> {
-        let identity = DMatrix::identity(self.x.nrows(), self.x.ncols());
-        let mut sum = identity.clone();
+        let mut sum = DMatrix::identity(self.x.nrows(), self.x.ncols());
+        let mut next = sum.clone();
         for k in (1..=TRANSITION_TERMS).rev() {
-            sum = &identity + &self.x * sum / f64::from(k + 1);
+            next.gemm(1.0 / f64::from(k + 1), &self.x, &sum, 0.0);
+            (0..next.nrows()).for_each(|i| next[(i, i)] += 1.0);
+            std::mem::swap(&mut sum, &mut next);
         }
         sum
     }

@@ -9,6 +9,7 @@ use crate::data::record::{Channel, Data};
 use crate::model::commands::Commands;
 use crate::model::observer::Observer;
 use crate::model::parts::Part;
+use crate::model::reach::Reach;
 use crate::thresholds::DIVERGED_RATIO;
 
 /// Why a hypothesis has no prediction, or no estimate.
@@ -86,6 +87,8 @@ pub struct FreeRun<'d> {
     reach: Vec<f64>,
     /// Filter that corrects the run by the record itself; `None` for a free run.
     observer: Option<Arc<Observer>>,
+    /// True where the vehicle has no decoupled parts.
+    coupled: bool,
     /// Decoupled parts of the vehicle that fits have asked for.
     parts: Arc<Mutex<Vec<Arc<Part>>>>,
     /// Whoever waits for the fits over these runs, and may end them.
@@ -103,10 +106,16 @@ impl<'d> FreeRun<'d> {
             data,
             reach: reach(data),
             observer: observer.map(Arc::new),
+            coupled: Reach::new(&vehicle, data, vehicle.free.iter().map(|free| &free.target)).is_coupled(),
             vehicle,
             parts: Arc::default(),
             watch: None,
         }
+    }
+
+    /// True where the vehicle has no decoupled parts.
+    pub fn is_coupled(&self) -> bool {
+        self.coupled
     }
 
     /// A decoupled part of the vehicle with its part of the record, made once.
@@ -131,6 +140,7 @@ impl<'d> FreeRun<'d> {
             vehicle: part.subsystem.vehicle(&self.vehicle),
             reach: reach(&part.data),
             observer: part.observer.clone(),
+            coupled: true,
             parts: Arc::default(),
             watch: self.watch,
         }

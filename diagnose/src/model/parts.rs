@@ -132,6 +132,9 @@ impl Model<'_, '_> {
     /// The model of the part on which a term acts, beside the terms at these values; `None` where that is the whole.
     fn within(&self, (changed, own): (&Candidate, &[f64]), values: &[f64]) -> Option<Within> {
         let free_run = self.free_run;
+        if free_run.is_coupled() {
+            return None;
+        }
         let effect = changed.effect(own)?;
         let mut whole = self.vehicle(values).ok()?;
         if !self.terms.contains(changed) {

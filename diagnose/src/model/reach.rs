@@ -139,6 +139,11 @@ impl Reach {
         })
     }
 
+    /// True where the vehicle has no decoupled parts.
+    pub fn is_coupled(&self) -> bool {
+        (0..self.channels.len()).all(|c| self.part_around(1 << c).is_none())
+    }
+
     /// The channels that a state affects.
     pub fn of_state(&self, state: usize) -> Set {
         self.channels(1 << state)
