@@ -8,7 +8,7 @@ use crate::Watch;
 use crate::data::record::{Channel, Data};
 use crate::model::commands::Commands;
 use crate::model::observer::Observer;
-use crate::model::parts::Part;
+use crate::model::part::Part;
 use crate::model::reach::Reach;
 use crate::thresholds::DIVERGED_RATIO;
 

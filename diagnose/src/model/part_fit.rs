@@ -7,54 +7,15 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use whirlstand_vehicle::{Effect, Free, Subsystem, Vehicle};
+use whirlstand_vehicle::{Effect, Free, Vehicle};
 
 use crate::candidates::library::Candidate;
-use crate::data::record::{Channel, Data};
 use crate::model::columns::Column;
 use crate::model::fit::{Effort, Fit, Model, Optimum};
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
-use crate::model::observer::Observer;
+use crate::model::part::Part;
 use crate::model::reach::Reach;
-
-/// A decoupled part of a vehicle, and its part of a record.
-#[derive(Debug)]
-pub struct Part {
-    /// States, inputs and outputs of the part.
-    pub subsystem: Subsystem,
-    /// Indices of its channels in the record.
-    pub channels: Vec<usize>,
-    /// The record with its inputs and channels only.
-    pub data: Data,
-    /// Its part of the filter that follows the record.
-    pub observer: Option<Arc<Observer>>,
-}
-
-impl Part {
-    /// A part of a record, and of the filter that follows it.
-    pub fn new(subsystem: Subsystem, data: &Data, observer: Option<&Observer>) -> Self {
-        let (mut indices, mut channels) = (Vec::new(), Vec::new());
-        for (c, channel) in data.channels.iter().enumerate() {
-            if let Some(output) = subsystem.outputs.iter().position(|i| *i == channel.output) {
-                indices.push(c);
-                channels.push(Channel { output, ..channel.clone() });
-            }
-        }
-        let inputs = data.inputs.chunks_exact(data.m);
-        let data = Data {
-            inputs: inputs.flat_map(|u| subsystem.inputs.iter().map(|j| u[*j])).collect(),
-            m: subsystem.inputs.len(),
-            channels,
-            origin: data.origin.clone(),
-            starts: data.starts.clone(),
-            clocks: data.clocks.clone(),
-            ..*data
-        };
-        let observer = observer.map(|whole| Arc::new(whole.of_part(&subsystem.states, &indices)));
-        Self { subsystem, channels: indices, data, observer }
-    }
-}
 
 /// A model of one part, with where its values and samples are in those of the whole.
 struct Within {
@@ -207,6 +168,7 @@ mod tests {
     use super::*;
     use crate::candidates::library::{Sizes, library};
     use crate::data::flown::flown;
+    use crate::data::record::Data;
     use whirlstand_vehicle::Kind;
 
     /// Two decoupled axes; free entries and an effect on each.
@@ -294,14 +256,15 @@ mod tests {
         for ((change, all), before) in change.iter().zip(&all).zip(&fit.predicted) {
             assert!((change - (all - before)).abs() < 1e-9, "{what}: {change} and {}", all - before);
         }
-        let initial = Some(&fit.columns[..model.states()]);
-        let whole = extended.optimum(start.clone(), None, initial, Effort::Full).unwrap();
+        let initial = &fit.columns[..model.states()];
+        let whole = extended.optimum(start.clone(), None, Some(initial), Effort::Full).unwrap();
         let beside = (&start[..], start.clone());
-        let part = extended.optimum_beside(fit, (candidate, own), beside, initial, Effort::Full).unwrap();
+        let part =
+            extended.optimum_beside(fit, (candidate, own), beside, Some(initial), Effort::Full).unwrap();
         let gain = |optimum: &Optimum| optimum.profile.log_likelihood - fit.profile.log_likelihood;
         assert!((gain(&part) - gain(&whole)).abs() < 0.05, "{what}: {} and {}", gain(&part), gain(&whole));
         assert_eq!(part.profile.parameters, whole.profile.parameters, "{what}");
-        let again = extended.at(&part, initial.unwrap()).unwrap();
+        let again = extended.at(&part, initial).unwrap();
         let profile = Noise::fit(model.free_run.data, &again.residual);
         let apart = (profile.log_likelihood - part.profile.log_likelihood).abs();
         assert!(apart < 1e-6, "{what}: the likelihood of its values is apart by {apart}");
