@@ -169,34 +169,25 @@ mod tests {
     use crate::candidates::library::{Sizes, library};
     use crate::data::flown::flown;
     use crate::data::record::Data;
-    use whirlstand_vehicle::Kind;
+    use whirlstand_vehicle::{Kind, Matrix, Target};
 
-    /// Two decoupled axes; free entries and an effect on each.
+    /// Two decoupled axes, roll with its angle; a free entry on each, and a free effect on one.
     fn two_axes() -> Vehicle {
-        let text = r#"
-            A = [[-2.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -4.0, -1.0]]
-            B = [[0.0, 5.0], [0.0, 0.0], [3.0, 0.0]]
-            C = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-            states = [{ name = "r" }, { name = "phi" }, { name = "p" }]
-            inputs = [{ name = "u_roll" }, { name = "u_yaw" }]
-            outputs = [
-                { name = "roll", noise = 0.01 }, { name = "yaw_rate", noise = 0.02 }, { name = "roll_rate", noise = 0.02 },
-            ]
-            free = [
-                { entry = "A[1,1]", lower = -9.0, upper = 0.0 },
-                { entry = "A[3,3]", lower = -9.0, upper = 0.0 },
-                { effect = "actuator_lag", where = "u_yaw", parameter = "time_constant_s", lower = 0.01, upper = 1.0 },
-            ]
-            [[effects]]
-            effect = "actuator_lag"
-            where = "u_roll"
-            time_constant_s = 0.05
-            [[effects]]
-            effect = "actuator_lag"
-            where = "u_yaw"
-            time_constant_s = 0.1
-        "#;
-        Vehicle::parse(text, "axes.toml").unwrap()
+        let text = "A = [[-2.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -4.0, -1.0]]\n\
+                    B = [[0.0, 5.0], [0.0, 0.0], [3.0, 0.0]]\n\
+                    C = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]\n\
+                    states = [{ name = \"r\" }, { name = \"phi\" }, { name = \"p\" }]\n\
+                    inputs = [{ name = \"u_roll\" }, { name = \"u_yaw\" }]\n\
+                    outputs = [{ name = \"roll\" }, { name = \"yaw_rate\" }, { name = \"roll_rate\" }]\n\
+                    [[effects]]\neffect = \"actuator_lag\"\nwhere = \"u_yaw\"\ntime_constant_s = 0.1\n";
+        let mut vehicle = Vehicle::parse(text, "axes.toml").unwrap();
+        vehicle.outputs.iter_mut().for_each(|output| output.noise = 0.02);
+        let lag = Target::Effect(0, "time_constant_s");
+        let open =
+            [(Target::Entry(Matrix::A, 0, 0), -9.0), (Target::Entry(Matrix::A, 2, 2), -9.0), (lag, 0.01)];
+        let free = open.map(|(target, lower)| Free { target, lower, upper: 1.0, start: None });
+        vehicle.free = free.into();
+        vehicle
     }
 
     /// A fit of one axis beside the other is the fit of both, whether the vehicle runs free or follows the record, also

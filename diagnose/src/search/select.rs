@@ -9,9 +9,9 @@ use crate::data::record::Data;
 use crate::model::fit::{Effort, Fit, Model};
 use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
-use crate::search::acceptance::{Decision, Rival, decide, rivals};
+use crate::search::acceptance::{Decision, Rival, TermEvidence, decide, rivals};
 use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
-use crate::search::equivalence::{is_twin, lead, yields};
+use crate::search::equivalence::{is_twin, lead, simpler, single, yields};
 use crate::search::selection::{Accepted, Refused, Selection};
 use crate::search::survey::survey;
 use crate::search::survey_cache::{SurveyCache, Surveyed};
@@ -139,8 +139,8 @@ impl Search<'_, '_, '_> {
             let term = accepted.len();
             let (reduced, without) = without(&self.model, &self.fit, term)?;
             let own = own_alternative(&reduced, &without, &self.model, &self.fit, term);
-            let decision = own.as_ref().map(|own| decide(&reduced, &without, own, self.hypotheses));
-            let (Some(own), Some(Decision::Accepted(evidence))) = (own, decision) else {
+            let evidence = own.as_ref().and_then(|own| self.evidence(&reduced, &without, own));
+            let (Some(own), Some(evidence)) = (own, evidence) else {
                 (self.model, self.fit) = (reduced, without);
                 accepted.clear();
                 continue;
@@ -162,7 +162,7 @@ impl Search<'_, '_, '_> {
                 .find(|r| yields((own.candidate.kind, own.delta_bic), r.candidate.kind, r.gap, data))
                 .filter(|_| exchanges < MAX_EXCHANGES)
                 .and_then(|rival| in_its_place(&reduced, &without, &own, rival))
-                .filter(|t| matches!(decide(&reduced, &without, t, self.hypotheses), Decision::Accepted(_)));
+                .filter(|t| self.evidence(&reduced, &without, t).is_some());
             if let Some(better) = better.and_then(|better| better.whole(&reduced, &without)) {
                 exchanges += 1;
                 (self.model, self.fit) = better;
@@ -219,6 +219,32 @@ impl Search<'_, '_, '_> {
 }
 
 impl<'r, 'd> Search<'r, 'd, '_> {
+    /// Evidence for an alternative that is accepted: its own, or with one input and one output that of its twin at the
+    /// sensor. As the record cannot tell the two apart, what speaks for either speaks for both.
+    fn evidence(&self, model: &Model<'_, '_>, fit: &Fit, own: &Alternative) -> Option<TermEvidence> {
+        let data = model.free_run.data;
+        let decision = |alternative: &Alternative| decide(model, fit, alternative, self.hypotheses);
+        match decision(own) {
+            Decision::Accepted(evidence) => return Some(evidence),
+            Decision::Refused(_) if single(data) => {}
+            Decision::Refused(_) | Decision::Undetermined(_) => return None,
+        }
+        let values = &own.optimum.as_ref()?.values;
+        let twins = self.space.library.iter().filter_map(|candidate| {
+            let (kind, _) = simpler(candidate.kind, 0.0, data)?;
+            (kind == own.candidate.kind).then_some(())?;
+            joined(model, fit, candidate, values.clone(), Effort::Full)
+        });
+        let twin = |twin: &Alternative| {
+            let gap = twin.delta_bic - own.delta_bic;
+            is_twin((twin.candidate.kind, twin.delta_bic), own.candidate.kind, gap, data)
+        };
+        twins.filter(twin).find_map(|twin| match decision(&twin) {
+            Decision::Accepted(evidence) => Some(evidence),
+            _ => None,
+        })
+    }
+
     /// The model with one cause in place of two of the same signal, where it does as well: a mode of an
     /// actuator resembles a gain and a delay together, and an early choice is seldom revised.
     fn merged(&self) -> Result<Option<(Model<'r, 'd>, Fit)>, ModelError> {
