@@ -219,8 +219,8 @@ impl Search<'_, '_, '_> {
 }
 
 impl<'r, 'd> Search<'r, 'd, '_> {
-    /// Evidence for an alternative that is accepted: its own, or with one input and one output that of its twin at the
-    /// sensor. As the record cannot tell the two apart, what speaks for either speaks for both.
+    /// Evidence for an alternative that is accepted: its own, or with one input and one output that of the twin to which it
+    /// is preferred. As the record cannot tell the two apart, what speaks for either speaks for both.
     fn evidence(&self, model: &Model<'_, '_>, fit: &Fit, own: &Alternative) -> Option<TermEvidence> {
         let data = model.free_run.data;
         let decision = |alternative: &Alternative| decide(model, fit, alternative, self.hypotheses);
