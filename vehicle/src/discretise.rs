@@ -22,8 +22,9 @@ pub enum DiscretiseError {
 
 /// Transition and input matrix of dx/dt = A x + B u over `period_s` with u held: x+ = Phi x + Gamma u.
 ///
-/// Both follow from a short step that is doubled, so A may be singular and stiff. The error is a few units in the last place of the largest entry, in units that balance
-/// rows and columns of A, for any ratio of the slowest to the fastest mode.
+/// Both follow from a short step that is doubled, so A may be singular and stiff. The error is a few units in the
+/// last place of the largest entry, in units that balance rows and columns of A, for any ratio of the slowest to the
+/// fastest mode.
 ///
 /// # Errors
 /// [`DiscretiseError::Shape`] unless `a` is n x n and `b` n x m; [`DiscretiseError::NotFinite`] when an entry is

@@ -9,6 +9,7 @@ use crate::data::record::{Channel, Data};
 use crate::model::commands::Commands;
 use crate::model::observer::Observer;
 use crate::model::part::Part;
+use crate::model::place::Place;
 use crate::model::reach::Reach;
 use crate::thresholds::DIVERGED_RATIO;
 
@@ -24,56 +25,6 @@ pub enum ModelError {
     /// The data do not determine what is sought.
     #[error("the record does not determine it")]
     NotDetermined,
-}
-
-/// Position of the next sample of a channel in the vector of all samples.
-struct Place {
-    output: usize,
-    stride: usize,
-    /// Step of the next sample.
-    next: usize,
-    /// Index of the next sample, and the end of the channel.
-    at: usize,
-    end: usize,
-    /// Largest allowed magnitude.
-    reach: f64,
-}
-
-impl Place {
-    /// Copies the samples that lie in the steps from `first` on, whose values `of` gives for an output; false
-    /// where one exceeds all bounds.
-    fn take<'a>(&mut self, first: usize, of: impl Fn(usize) -> &'a [f64], samples: &mut [f64]) -> bool {
-        let values = of(self.output);
-        if self.at == self.end {
-            return true;
-        }
-        if self.stride == 1 {
-            let there = values.get(self.next - first..).unwrap_or_default();
-            let there = &there[..there.len().min(self.end - self.at)];
-            samples[self.at..self.at + there.len()].copy_from_slice(there);
-            self.next += there.len();
-            self.at += there.len();
-            return there.iter().fold(true, |within, y| within & (y.abs() <= self.reach));
-        }
-        while self.at < self.end
-            && let Some(y) = values.get(self.next - first)
-        {
-            // NaN exceeds any bound.
-            if y.is_nan() || y.abs() > self.reach {
-                return false;
-            }
-            samples[self.at] = *y;
-            self.next += self.stride;
-            self.at += 1;
-        }
-        true
-    }
-}
-
-/// Largest magnitude that a run may reach, per channel.
-fn reach(data: &Data) -> Vec<f64> {
-    let peak = |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
-    data.channels.iter().map(|c| DIVERGED_RATIO * peak(&c.values).max(f64::MIN_POSITIVE)).collect()
 }
 
 /// A vehicle that is simulated over one record.
@@ -101,10 +52,13 @@ impl<'d> FreeRun<'d> {
         let mut vehicle = vehicle.clone();
         // A simulation does not need the file's text, and copies of a vehicle are made by the hundred.
         vehicle.source_text.clear();
+        let peak =
+            |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
+        let reach = |channel: &Channel| DIVERGED_RATIO * peak(&channel.values).max(f64::MIN_POSITIVE);
         let observer = data.memory_s.and_then(|memory_s| Observer::new(&vehicle, data, memory_s));
         Self {
             data,
-            reach: reach(data),
+            reach: data.channels.iter().map(reach).collect(),
             observer: observer.map(Arc::new),
             coupled: Reach::new(&vehicle, data, vehicle.free.iter().map(|free| &free.target)).is_coupled(),
             vehicle,
@@ -124,8 +78,8 @@ impl<'d> FreeRun<'d> {
         if let Some(known) = parts.iter().find(|part| part.subsystem == *subsystem) {
             return Arc::clone(known);
         }
-        let observer = self.observer.as_ref();
-        let part = Arc::new(Part::new(subsystem.clone(), self.data, observer.map(Arc::as_ref)));
+        let observer = self.observer.as_deref();
+        let part = Arc::new(Part::new(subsystem.clone(), &self.vehicle, self.data, observer));
         parts.push(Arc::clone(&part));
         part
     }
@@ -137,8 +91,8 @@ impl<'d> FreeRun<'d> {
     {
         FreeRun {
             data: &part.data,
-            vehicle: part.subsystem.vehicle(&self.vehicle),
-            reach: reach(&part.data),
+            vehicle: part.vehicle.clone(),
+            reach: part.channels.iter().map(|c| self.reach[*c]).collect(),
             observer: part.observer.clone(),
             coupled: true,
             parts: Arc::default(),

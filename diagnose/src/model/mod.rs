@@ -15,6 +15,7 @@ pub mod noise;
 pub mod observer;
 pub mod part;
 pub mod part_fit;
+mod place;
 pub mod predictor;
 mod profile_interval;
 pub mod reach;

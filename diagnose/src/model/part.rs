@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use whirlstand_vehicle::Subsystem;
+use whirlstand_vehicle::{Subsystem, Vehicle};
 
 use crate::data::record::{Channel, Data};
 use crate::model::observer::Observer;
@@ -14,6 +14,8 @@ pub struct Part {
     pub subsystem: Subsystem,
     /// Indices of its channels in the record.
     pub channels: Vec<usize>,
+    /// The vehicle with its states, inputs and outputs only.
+    pub vehicle: Vehicle,
     /// The record with its inputs and channels only.
     pub data: Data,
     /// Its part of the filter that follows the record.
@@ -21,8 +23,8 @@ pub struct Part {
 }
 
 impl Part {
-    /// A part of a record, and of the filter that follows it.
-    pub fn new(subsystem: Subsystem, data: &Data, observer: Option<&Observer>) -> Self {
+    /// A part of a vehicle, of a record, and of the filter that follows it.
+    pub fn new(subsystem: Subsystem, vehicle: &Vehicle, data: &Data, observer: Option<&Observer>) -> Self {
         let (mut indices, mut channels) = (Vec::new(), Vec::new());
         for (c, channel) in data.channels.iter().enumerate() {
             if let Some(output) = subsystem.outputs.iter().position(|i| *i == channel.output) {
@@ -41,6 +43,6 @@ impl Part {
             ..*data
         };
         let observer = observer.map(|whole| Arc::new(whole.of_part(&subsystem.states, &indices)));
-        Self { subsystem, channels: indices, data, observer }
+        Self { vehicle: subsystem.vehicle(vehicle), subsystem, channels: indices, data, observer }
     }
 }

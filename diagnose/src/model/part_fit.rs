@@ -7,7 +7,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use whirlstand_vehicle::{Effect, Free, Vehicle};
+use whirlstand_vehicle::{Effect, Free};
 
 use crate::candidates::library::Candidate;
 use crate::model::columns::Column;
@@ -20,8 +20,8 @@ use crate::model::reach::Reach;
 /// A model of one part, with where its values and samples are in those of the whole.
 struct Within {
     part: Arc<Part>,
-    /// The effect that was added or removed, at its place in the part.
-    changed: Effect,
+    /// The term that was added or removed, at its place in the part.
+    changed: Candidate,
     free: Vec<Free>,
     terms: Vec<Candidate>,
     /// Index in the whole of every value.
@@ -66,22 +66,18 @@ impl Model<'_, '_> {
     /// # Errors
     /// When the effect does not fit, or the run diverges.
     pub fn change(&self, fit: &Fit, candidate: &Candidate, own: &[f64]) -> Result<Vec<f64>, ModelError> {
-        let add = |vehicle: Result<Vehicle, ModelError>, effect: Effect| {
-            let mut vehicle = vehicle?;
-            vehicle.add_effect(effect).map_err(|_| ModelError::Inapplicable)?;
-            Ok(vehicle)
+        let predicted = |mut model: Model<'_, '_>, candidate: &Candidate, values: &[f64]| {
+            model.terms.push(candidate.clone());
+            model.predict(&[values, own].concat())
         };
         let Some(within) = self.within((candidate, own), &fit.values) else {
-            let effect = candidate.effect(own).ok_or(ModelError::Inapplicable)?;
-            let vehicle = add(self.vehicle(&fit.values), effect)?;
-            let mut samples = self.free_run.run_vehicle(&vehicle, &fit.values[..self.states()])?;
+            let mut samples = predicted(self.clone(), candidate, &fit.values)?;
             samples.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y -= p);
             return Ok(samples);
         };
         let free_run = self.free_run.of_part(&within.part);
-        let (model, values) = (within.model(&free_run), within.own(&fit.values));
-        let vehicle = add(model.vehicle(&values), within.changed.clone())?;
-        let mut run = free_run.run_vehicle(&vehicle, &values[..model.states()])?.into_iter();
+        let run = predicted(within.model(&free_run), &within.changed, &within.own(&fit.values))?;
+        let mut run = run.into_iter();
         let mut samples = vec![0.0; fit.predicted.len()];
         for range in &within.ranges {
             let predicted = &fit.predicted[range.clone()];
@@ -118,17 +114,20 @@ impl Model<'_, '_> {
                 places.push(self.states() + i);
             }
         }
+        let of_part = |term: &Candidate, effect: &Effect| {
+            let place = subsystem.effect(effect, &whole)?.place().into();
+            Some(Candidate { place, ..term.clone() })
+        };
         let mut terms = Vec::new();
         for (t, term) in self.terms.iter().enumerate() {
-            let effect = term.effect(&values[self.range(t)])?;
-            if let Some(of_part) = subsystem.effect(&effect, &whole) {
-                terms.push(Candidate { place: of_part.place().into(), ..term.clone() });
+            if let Some(term) = of_part(term, &term.effect(&values[self.range(t)])?) {
+                terms.push(term);
                 places.extend(self.range(t));
             }
         }
         let ranges = free_run.data.ranges();
         let ranges = part.channels.iter().map(|c| ranges[*c].clone()).collect();
-        let changed = subsystem.effect(&effect, &whole)?;
+        let changed = of_part(changed, &effect)?;
         Some(Within { part, changed, free, terms, values: places, ranges })
     }
 }
@@ -169,7 +168,7 @@ mod tests {
     use crate::candidates::library::{Sizes, library};
     use crate::data::flown::flown;
     use crate::data::record::Data;
-    use whirlstand_vehicle::{Kind, Matrix, Target};
+    use whirlstand_vehicle::{Kind, Matrix, Target, Vehicle};
 
     /// Two decoupled axes, roll with its angle; a free entry on each, and a free effect on one.
     fn two_axes() -> Vehicle {
