@@ -114,14 +114,14 @@ impl Signals {
         self.states.iter().flat_map(of).collect()
     }
 
+    /// Products of two signals: with the squares among the smooth functions, all terms of second order.
     fn products(&self) -> impl Iterator<Item = Recipe<'_>> {
-        self.states.iter().enumerate().flat_map(|(i, x)| {
-            let others = self.states[i + 1..].iter().chain(&self.inputs);
-            let of = |x: &Signal, y: &Signal| {
-                Basis::new(format!("follows {} times {}", x.name, y.name), vec![product(x, y)])
-            };
-            others.map(move |y| recipe(move || of(x, y)))
-        })
+        let all = || self.states.iter().chain(&self.inputs);
+        let of = |x: &Signal, y: &Signal| {
+            Basis::new(format!("follows {} times {}", x.name, y.name), vec![product(x, y)])
+        };
+        let pairs = all().enumerate().flat_map(move |(i, x)| all().skip(i + 1).map(move |y| (x, y)));
+        pairs.map(move |(x, y)| recipe(move || of(x, y)))
     }
 
     /// A signal whose gain oscillates with `turns` cycles over the record.

@@ -13,8 +13,8 @@ use whirlstand_logs::stats::rms;
 /// follows a signal does better (it is left in `like`) or where they leave more than they explain; else
 /// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
 /// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
-/// is sized. Without a test for lack of fit, where the noise is not known, only a force that explains as much as
-/// several causes withdraws them.
+/// is sized. Without a test for lack of fit, where the noise is not known, only a force that does better
+/// withdraws them.
 pub fn withhold(
     selection: &mut Selection<'_, '_>,
     (lack, like): (&mut Option<LackOfFit>, &mut Option<ForceOnSignal>),
@@ -25,7 +25,7 @@ pub fn withhold(
     let Some(without) = selection.without_causes(start) else { return Vec::new() };
     let several = selection.model.terms.len() > without.model.terms.len() + 1;
     let chance = |lack: &LackOfFit| lack.one.chance.min(lack.all.chance);
-    let asked = several || lack.as_ref().is_some_and(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
+    let asked = several || lack.as_ref().is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
     let rival =
         if asked && !turbulent { rival(selection, &without, space, (several, lack.is_some())) } else { None };
     let believed = match (rival, &lack) {

@@ -255,24 +255,29 @@ struct Group<'s> {
 }
 
 /// All functions that a force could follow.
-fn groups(signals: &Signals) -> Vec<Group<'_>> {
-    let mut all: Vec<Group<'_>> = Vec::new();
-    for u in &signals.inputs {
-        let bent = move || [smooth(u), switched(u)].into_iter().flat_map(|b| b.functions).collect();
-        all.push(Group { count: SHAPES.len() + RELAY_THRESHOLDS.len(), make: Box::new(bent) });
+fn groups<'a>(signals: &'a Signals) -> Vec<Group<'a>> {
+    let mut all: Vec<Group<'a>> = Vec::new();
+    // Of a vehicle with many states, products are too many.
+    let few = signals.states.len() <= PRODUCT_STATES;
+    let others = |later: &'a [Signal], inputs: &'a [Signal]| -> Vec<&'a Signal> {
+        if few { later.iter().chain(inputs).collect() } else { Vec::new() }
+    };
+    let times = |x: &Signal, others: &[&Signal]| others.iter().map(|y| product(x, y)).collect::<Vec<_>>();
+    for (j, u) in signals.inputs.iter().enumerate() {
+        let others = others(&signals.inputs[j + 1..], &[]);
+        let count = SHAPES.len() + RELAY_THRESHOLDS.len() + others.len();
+        let bent = move || {
+            let shapes = [smooth(u), switched(u)].into_iter().flat_map(|b| b.functions);
+            shapes.chain(times(u, &others)).collect()
+        };
+        all.push(Group { count, make: Box::new(bent) });
         all.push(Group { count: 2 * SLOW_TURNS, make: Box::new(move || slowly(u).functions) });
     }
     for (i, x) in signals.states.iter().enumerate() {
-        let others: Vec<&Signal> = if signals.states.len() <= PRODUCT_STATES {
-            signals.states[i + 1..].iter().chain(&signals.inputs).collect()
-        } else {
-            Vec::new()
-        };
+        let others = others(&signals.states[i + 1..], &signals.inputs);
         all.push(Group {
             count: SHAPES.len() + others.len(),
-            make: Box::new(move || {
-                smooth(x).functions.into_iter().chain(others.iter().map(|y| product(x, y))).collect()
-            }),
+            make: Box::new(move || smooth(x).functions.into_iter().chain(times(x, &others)).collect()),
         });
     }
     all

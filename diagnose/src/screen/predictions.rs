@@ -115,11 +115,14 @@ pub(super) enum Asked {
     Tells,
     /// The commands' part in its own size reduces the error.
     Improves,
+    /// The measurements contain less of the commands' part than its own size. That nothing of it was found
+    /// does not say so: a record may be too short to show it.
+    Lacks,
 }
 
-/// The judged channels in which, from a step on, the commands' part of the vehicle's predictions explains
-/// what neither the level, nor the last value, nor the predictions without commands explain (Granger 1969),
-/// corrected for `looks` tests.
+/// The judged channels in which, from a step on, the hypothesis about the commands' part of the vehicle's
+/// predictions is significant in what neither the level, nor the last value, nor the predictions without
+/// commands explain (Granger 1969), corrected for `looks` tests.
 pub(super) fn told_by_commands(
     vehicle: &Vehicle,
     data: &Data,
@@ -158,6 +161,7 @@ pub(super) fn told_by_commands(
             let gain = match asked {
                 Asked::Tells => y * p,
                 Asked::Improves => y * y - (y - p).powi(2),
+                Asked::Lacks => (p - y) * p,
             };
             Sample { predicted: gain, ..*s }
         };

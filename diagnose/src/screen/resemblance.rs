@@ -163,8 +163,9 @@ impl Standing {
 
 /// Finding that the record is not of the vehicle: every output that is more than the integral of another is
 /// predicted no better than by its mean or its last value, over any horizon and by the free run, and clearly
-/// worse over one of them. A cause may have this effect on a record of the vehicle: it is not refused where
-/// the commands explain any of it through the vehicle, with a delay or in another of the `modes`.
+/// worse over one of them. A cause may have this effect on a record of the vehicle: it is refused only where
+/// the commands explain none of it, and clearly less than the vehicle's response, with any delay and in any
+/// of the `modes`.
 pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Option<DataFinding> {
     let judged = judged(vehicle, data);
     let (horizons, spans) = spans(vehicle, data);
@@ -192,12 +193,13 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
     let others: Vec<Vehicle> =
         std::iter::once(vehicle.clone()).chain(modes.iter().cloned()).chain(late).collect();
     let looks = (others.len() * spans.len() * judged.len()) as f64;
-    let asked = (Asked::Tells, 0, looks);
-    let tell = |other: &Vehicle| {
-        spans.iter().any(|span| !told_by_commands(other, data, &judged, *span, asked).is_empty())
+    let asked = |asked: Asked, other: &Vehicle| {
+        let mut told = spans.iter().flat_map(|s| told_by_commands(other, data, &judged, *s, (asked, 0, looks)));
+        told.next().is_some()
     };
     let reach = (horizons[0], horizons[horizons.len() - 1]);
-    (!others.iter().any(tell)).then(|| finding(vehicle, data, &judged, reach))
+    let is_foreign = |other: &Vehicle| !asked(Asked::Tells, other) && asked(Asked::Lacks, other);
+    others.iter().all(is_foreign).then(|| finding(vehicle, data, &judged, reach))
 }
 
 /// True when the vehicle is clearly wrong about some output: it predicts it worse than mean or last value

@@ -246,7 +246,8 @@ impl<'r, 'd> Search<'r, 'd, '_> {
     }
 
     /// The model with one cause in place of two of the same signal, where it does as well: a mode of an
-    /// actuator resembles a gain and a delay together, and an early choice is seldom revised.
+    /// actuator resembles a gain and a delay together, and one of gain 1 beside a gain is one of another gain.
+    /// An early choice is seldom revised.
     fn merged(&self) -> Result<Option<(Model<'r, 'd>, Fit)>, ModelError> {
         // One cause is a priori more likely than two, depending on the number of names (Chen and Chen 2008,
         // extended BIC).
@@ -259,10 +260,8 @@ impl<'r, 'd> Search<'r, 'd, '_> {
             }
             let (one, fit) = without(&self.model, &self.fit, j)?;
             let (reduced, fit) = without(&one, &fit, i)?;
-            let own = |c: &&Candidate| {
-                c.place == terms[i].place && ![terms[i].kind, terms[j].kind].contains(&c.kind)
-            };
-            let own: Vec<Candidate> = self.space.library.iter().filter(own).cloned().collect();
+            let own = self.space.library.iter().filter(|c| c.place == terms[i].place);
+            let own: Vec<Candidate> = own.cloned().collect();
             let space = SearchSpace { library: &own, ..*self.space };
             let both = fit.profile.bic(reduced.parameters()) - self.fit.profile.bic(self.model.parameters());
             let alternatives = survey(&reduced, &fit, &space).into_iter();
