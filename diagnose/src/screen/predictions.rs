@@ -51,6 +51,12 @@ impl Span {
         horizons.iter().flat_map(ahead).chain([free]).collect()
     }
 
+    /// True for predictions that know neither the future commands, which cancel disturbances in a closed loop, nor
+    /// rest on a free run, which an unstable vehicle leaves.
+    pub fn is_foresight(self) -> bool {
+        self.horizon.is_some() && self.commands == Commands::Held
+    }
+
     /// Predictions of all samples, from states at rest; `None` where the vehicle has no valid prediction.
     pub fn predicted(self, vehicle: &Vehicle, data: &Data) -> Option<Vec<f64>> {
         let data = Data { memory_s: self.memory_s, ..data.clone() };

@@ -193,12 +193,14 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
     let others: Vec<Vehicle> =
         std::iter::once(vehicle.clone()).chain(modes.iter().cloned()).chain(late).collect();
     let looks = (others.len() * spans.len() * judged.len()) as f64;
-    let asked = |asked: Asked, other: &Vehicle| {
-        let mut told = spans.iter().flat_map(|s| told_by_commands(other, data, &judged, *s, (asked, 0, looks)));
-        told.next().is_some()
+    let told = |asked: Asked, other: &Vehicle, span: &Span| {
+        !told_by_commands(other, data, &judged, *span, (asked, 0, looks)).is_empty()
     };
     let reach = (horizons[0], horizons[horizons.len() - 1]);
-    let is_foreign = |other: &Vehicle| !asked(Asked::Tells, other) && asked(Asked::Lacks, other);
+    let is_foreign = |other: &Vehicle| {
+        !spans.iter().any(|span| told(Asked::Tells, other, span))
+            && spans.iter().any(|span| span.is_foresight() && told(Asked::Lacks, other, span))
+    };
     others.iter().all(is_foreign).then(|| finding(vehicle, data, &judged, reach))
 }
 

@@ -12,9 +12,11 @@ use crate::model::noise::Noise;
 use crate::search::acceptance::{Decision, Rival, TermEvidence, decide, rivals};
 use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
 use crate::search::equivalence::{is_twin, lead, simpler, single, yields};
+use crate::search::merge::merged;
 use crate::search::selection::{Accepted, Refused, Selection};
 use crate::search::survey::survey;
 use crate::search::survey_cache::{SurveyCache, Surveyed};
+use crate::search::without::without;
 
 /// Searches for causes, beginning with the given terms; under one noise model for all channels, when one is
 /// given. Free parameters start from the vehicle's values.
@@ -137,33 +139,33 @@ impl Search<'_, '_, '_> {
         let mut contested: Vec<Rival> = Vec::new();
         while accepted.len() < self.model.terms.len() {
             let term = accepted.len();
-            let (reduced, without) = without(&self.model, &self.fit, term)?;
-            let own = own_alternative(&reduced, &without, &self.model, &self.fit, term);
-            let evidence = own.as_ref().and_then(|own| self.evidence(&reduced, &without, own));
+            let (reduced, rest) = without(&self.model, &self.fit, term)?;
+            let own = own_alternative(&reduced, &rest, &self.model, &self.fit, term);
+            let evidence = own.as_ref().and_then(|own| self.evidence(&reduced, &rest, own));
             let (Some(own), Some(evidence)) = (own, evidence) else {
-                (self.model, self.fit) = (reduced, without);
+                (self.model, self.fit) = (reduced, rest);
                 accepted.clear();
                 continue;
             };
             let mut known = Vec::new();
             if !self.space.watch.is_stopped() {
-                known = self.surveys.known(&reduced, &without, self.space);
+                known = self.surveys.known(&reduced, &rest, self.space);
                 let missing = contested.iter().filter(|r| {
                     !known.iter().any(|k| k.values.is_some() && k.candidate.name() == r.candidate.name())
                 });
-                let fitted = missing.filter_map(|r| in_its_place(&reduced, &without, &own, r));
+                let fitted = missing.filter_map(|r| in_its_place(&reduced, &rest, &own, r));
                 let fitted: Vec<Surveyed> = fitted.map(|alternative| Surveyed::from(&alternative)).collect();
                 known.extend(fitted);
             }
-            let rivals = rivals(&reduced, &without, &own, &known);
+            let rivals = rivals(&reduced, &rest, &own, &known);
             let data = self.model.free_run.data;
             let better = rivals
                 .iter()
                 .find(|r| yields((own.candidate.kind, own.delta_bic), r.candidate.kind, r.gap, data))
                 .filter(|_| exchanges < MAX_EXCHANGES)
-                .and_then(|rival| in_its_place(&reduced, &without, &own, rival))
-                .filter(|t| self.evidence(&reduced, &without, t).is_some());
-            if let Some(better) = better.and_then(|better| better.whole(&reduced, &without)) {
+                .and_then(|rival| in_its_place(&reduced, &rest, &own, rival))
+                .filter(|t| self.evidence(&reduced, &rest, t).is_some());
+            if let Some(better) = better.and_then(|better| better.whole(&reduced, &rest)) {
                 exchanges += 1;
                 (self.model, self.fit) = better;
                 accepted.clear();
@@ -171,8 +173,8 @@ impl Search<'_, '_, '_> {
             }
             // An undetermined rival does not explain as much.
             let determined = |r: &&Rival| {
-                let fitted = in_its_place(&reduced, &without, &own, r);
-                let decision = fitted.map(|t| decide(&reduced, &without, &t, self.hypotheses));
+                let fitted = in_its_place(&reduced, &rest, &own, r);
+                let decision = fitted.map(|t| decide(&reduced, &rest, &t, self.hypotheses));
                 !matches!(decision, Some(Decision::Undetermined(_)))
             };
             // Of two causes that a short record cannot distinguish, either is named if it is the only cause;
@@ -193,14 +195,14 @@ impl Search<'_, '_, '_> {
                 );
                 contested.push(rival.clone());
                 self.refused.insert(0, Refused { contested: true, ..Refused::new(own, why) });
-                (self.model, self.fit) = (reduced, without);
+                (self.model, self.fit) = (reduced, rest);
                 accepted.clear();
                 continue;
             }
             accepted.push(Accepted { evidence, rivals });
             if accepted.len() == self.model.terms.len()
                 && exchanges < MAX_EXCHANGES
-                && let Some((model, fit)) = self.merged()?
+                && let Some((model, fit)) = merged(&self.model, &self.fit, self.space, self.hypotheses)?
             {
                 exchanges += 1;
                 (self.model, self.fit) = (model, fit);
@@ -210,7 +212,7 @@ impl Search<'_, '_, '_> {
             if accepted.len() == self.model.terms.len()
                 && let Some(rider) = rider(&accepted, self.model.free_run.data)
             {
-                (self.model, self.fit) = self::without(&self.model, &self.fit, rider)?;
+                (self.model, self.fit) = without(&self.model, &self.fit, rider)?;
                 accepted.clear();
             }
         }
@@ -244,36 +246,6 @@ impl<'r, 'd> Search<'r, 'd, '_> {
             _ => None,
         })
     }
-
-    /// The model with one cause in place of two of the same signal, where it does as well: a mode of an
-    /// actuator resembles a gain and a delay together, and one of gain 1 beside a gain is one of another gain.
-    /// An early choice is seldom revised.
-    fn merged(&self) -> Result<Option<(Model<'r, 'd>, Fit)>, ModelError> {
-        // One cause is a priori more likely than two, depending on the number of names (Chen and Chen 2008,
-        // extended BIC).
-        let name = 2.0 * (self.space.library.len().max(1) as f64).ln();
-        let terms = &self.model.terms;
-        let pairs = (0..terms.len()).flat_map(|i| (i + 1..terms.len()).map(move |j| (i, j)));
-        for (i, j) in pairs.filter(|(i, j)| terms[*i].place == terms[*j].place) {
-            if self.space.watch.is_stopped() {
-                break;
-            }
-            let (one, fit) = without(&self.model, &self.fit, j)?;
-            let (reduced, fit) = without(&one, &fit, i)?;
-            let own = self.space.library.iter().filter(|c| c.place == terms[i].place);
-            let own: Vec<Candidate> = own.cloned().collect();
-            let space = SearchSpace { library: &own, ..*self.space };
-            let both = fit.profile.bic(reduced.parameters()) - self.fit.profile.bic(self.model.parameters());
-            let alternatives = survey(&reduced, &fit, &space).into_iter();
-            let mut single = alternatives.filter(|t| t.optimum.is_some() && t.delta_bic + name > both);
-            let single =
-                single.find(|t| matches!(decide(&reduced, &fit, t, self.hypotheses), Decision::Accepted(_)));
-            if let Some(better) = single.and_then(|single| single.whole(&reduced, &fit)) {
-                return Ok(Some(better));
-            }
-        }
-        Ok(None)
-    }
 }
 
 /// The smallest cause, where its gain is so small beside the largest that it may only correct the latter's
@@ -286,25 +258,6 @@ fn rider(accepted: &[Accepted], data: &Data) -> Option<usize> {
     let least = (0..accepted.len()).min_by(|a, b| gain(a).total_cmp(&gain(b)))?;
     let largest = (0..accepted.len()).map(|i| gain(&i)).fold(0.0, f64::max);
     (gain(&least) < RIDER_SHARE * largest).then_some(least)
-}
-
-/// The model without a term, refitted.
-fn without<'r, 'd>(
-    model: &Model<'r, 'd>,
-    fit: &Fit,
-    term: usize,
-) -> Result<(Model<'r, 'd>, Fit), ModelError> {
-    let mut reduced = model.clone();
-    let range = model.range(term);
-    reduced.terms.remove(term);
-    let mut values = fit.values.clone();
-    let own: Vec<f64> = values.drain(range).collect();
-    let initial = &fit.columns[..model.states()];
-    let changed = (&model.terms[term], own.as_slice());
-    let optimum =
-        reduced.optimum_beside(fit, changed, (&values, values.clone()), Some(initial), Effort::Full)?;
-    let without = reduced.at(&optimum, initial)?;
-    Ok((reduced, without))
 }
 
 /// A term of a model as an alternative beside the others, refitted from where these end up without it. Where
@@ -352,23 +305,23 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, s
     // The newest term was already the best beside the others.
     let mut term = 0;
     while term + 1 < model.terms.len() {
-        let Ok((reduced, without)) = without(model, fit, term) else { return };
-        let own = own_alternative(&reduced, &without, model, fit, term);
+        let Ok((reduced, rest)) = without(model, fit, term) else { return };
+        let own = own_alternative(&reduced, &rest, model, fit, term);
         let own_bic = own.as_ref().map_or(f64::NEG_INFINITY, |t| t.delta_bic);
-        let alternatives = surveys.survey(&reduced, &without, space).into_iter();
+        let alternatives = surveys.survey(&reduced, &rest, space).into_iter();
         let mut better = alternatives.filter(|t| {
             let lead = lead((model.terms[term].kind, own_bic), t.candidate.kind, data);
             t.optimum.is_some() && t.delta_bic > MIN_BIC_GAIN.max(own_bic + lead)
         });
-        let best = better.find(|t| !matches!(decide(&reduced, &without, t, 1), Decision::Undetermined(_)));
+        let best = better.find(|t| !matches!(decide(&reduced, &rest, t, 1), Decision::Undetermined(_)));
         match best {
             Some(best) => {
-                let Some(better) = best.whole(&reduced, &without) else { return };
+                let Some(better) = best.whole(&reduced, &rest) else { return };
                 (*model, *fit) = better;
             }
             _ if own_bic < MIN_BIC_GAIN => {
                 *model = reduced;
-                *fit = without;
+                *fit = rest;
             }
             _ => {}
         }
