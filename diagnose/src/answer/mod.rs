@@ -16,3 +16,4 @@ pub mod terminal;
 pub mod vibration_source;
 
 pub use schema::*;
+pub mod worse_ahead;

@@ -38,12 +38,7 @@ pub fn withhold(
         (None, Some(_)) if !turbulent && drowned(selection, &without, space.declared) => Some(without),
         (None, Some(lack)) => selection.beyond(lack.left()),
     };
-    let Some(believed) = believed else { return Vec::new() };
-    let gains = selection.accepted.iter().map(|a| a.evidence.delta_bic);
-    let all = selection.model.terms.iter().cloned().zip(gains);
-    let taken = all.filter(|(c, _)| !believed.model.terms.contains(c)).collect();
-    *selection = believed;
-    taken
+    believed.map_or_else(Vec::new, |believed| selection.replaced(believed))
 }
 
 /// One force that follows a signal, where it explains as much as all causes together: several causes must do clearly better,
