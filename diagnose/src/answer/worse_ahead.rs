@@ -3,16 +3,18 @@
 
 use whirlstand_logs::shown::number;
 
-use crate::answer::gains::Gain;
-use crate::thresholds::WORSE_AHEAD_RATIO;
+use crate::answer::gains::{Gain, Gains};
+use crate::thresholds::{MIN_HELD_OUT_SIGMAS, WORSE_AHEAD_RATIO};
 
 /// Reason to withhold causes with which the model, fitted to the first part of the record, predicts the rest worse
-/// than without: all outputs together, by the mean logarithm of the ratio of their errors. `gains` are those of the
-/// outputs, by name.
-pub(crate) fn worse_ahead<'g>(
-    gains: impl Iterator<Item = (&'g str, &'g Gain)>,
-    horizon_s: f64,
-) -> Option<String> {
+/// than without: all outputs together, by the mean logarithm of the ratio of their errors, and not by chance. `names`
+/// are those of the outputs.
+pub(crate) fn worse_ahead<'g>(names: impl Iterator<Item = &'g str>, gains: &'g Gains) -> Option<String> {
+    let by_chance = gains.improvement.is_none_or(|sigmas| sigmas > -MIN_HELD_OUT_SIGMAS);
+    if by_chance { None } else { worse(names.zip(&gains.channels), gains.heldout.horizon_s) }
+}
+
+fn worse<'g>(gains: impl Iterator<Item = (&'g str, &'g Gain)>, horizon_s: f64) -> Option<String> {
     let ratio = |gain: &Gain| {
         let (before, after) = gain.horizon;
         Some((after.rmse? / before.rmse?).ln()).filter(|ratio| ratio.is_finite())
@@ -48,7 +50,7 @@ mod tests {
             floor: 0.01,
             noise_model_share: None,
         };
-        let reason = |gains: &[Gain]| worse_ahead(["p", "q"].into_iter().zip(gains), 0.2);
+        let reason = |gains: &[Gain]| worse(["p", "q"].into_iter().zip(gains), 0.2);
         assert_eq!(reason(&[gain(0.3, 0.2), gain(0.3, 0.32)]), None, "one better, one a little worse");
         assert_eq!(reason(&[gain(0.3, 0.305), gain(0.3, 0.3)]), None, "as good");
         let told = reason(&[gain(0.3, 0.5), gain(0.3, 0.29)]).unwrap();

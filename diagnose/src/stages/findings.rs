@@ -29,9 +29,8 @@ impl<'r> Findings<'r> {
         let (vehicle, data) = (baseline.vehicle(), baseline.data());
         let mut gains = gains(baseline, &residual);
         let names = data.channels.iter().map(|c| vehicle.outputs[c.output].name.as_str());
-        let worse = worse_ahead(names.zip(&gains.channels), gains.heldout.horizon_s);
         let mut withdrawn = Vec::new();
-        if let Some(why) = worse {
+        if let Some(why) = worse_ahead(names, &gains) {
             let causes = residual.withdraw(baseline.start());
             withdrawn = causes.into_iter().map(|(cause, gain)| (cause, gain, why.clone())).collect();
             gains = self::gains(baseline, &residual);
