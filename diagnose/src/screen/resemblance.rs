@@ -197,10 +197,13 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
         !told_by_commands(other, data, &judged, *span, (asked, 0, looks)).is_empty()
     };
     let reach = (horizons[0], horizons[horizons.len() - 1]);
-    let is_foreign = |other: &Vehicle| {
-        !spans.iter().any(|span| told(Asked::Tells, other, span))
-            && spans.iter().any(|span| span.is_foresight() && told(Asked::Lacks, other, span))
+    // In a closed loop the commands oppose the disturbances: these are estimated and held as well.
+    let lacks = |other: &Vehicle| {
+        let forced = with_forces(other);
+        spans.iter().any(|span| span.is_foresight() && told(Asked::Lacks, &forced, span))
     };
+    let is_foreign =
+        |other: &Vehicle| !spans.iter().any(|span| told(Asked::Tells, other, span)) && lacks(other);
     others.iter().all(is_foreign).then(|| finding(vehicle, data, &judged, reach))
 }
 
