@@ -217,6 +217,8 @@ pub(crate) const TESTED_SAMPLES: usize = 100_000;
 pub(crate) const TESTED_TOGETHER: usize = 5_000_000;
 /// Rows of a block. Cost.
 pub(crate) const GRAM_BLOCK_ROWS: usize = 2048;
+/// Columns of a panel. Cost.
+pub(crate) const GRAM_PANEL_COLUMNS: usize = 64;
 /// All functions together are significant beyond this many standard deviations of chance. One-sided Gaussian
 /// tail of 3e-7.
 pub(crate) const LACK_SIGMAS: f64 = 5.0;

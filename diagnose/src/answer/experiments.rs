@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 use crate::answer::schema::{Diagnosis, NotTestable, Verdict};
@@ -76,13 +77,15 @@ pub(crate) fn not_testable(findings: &Findings<'_>, data: &Data, vehicle: &Vehic
     let zero = vec![0.0; selection.fit.residual.len()];
     let score_test = ScoreTest::new(data, &selection.fit.profile.noise, &zero, &selection.fit.columns);
     let mut by_effect: BTreeMap<(&str, String), f64> = BTreeMap::new();
-    for candidate in selection.refused.iter().map(|t| &t.candidate) {
+    let energies = selection.refused.par_iter().filter_map(|refused| {
+        let candidate = &refused.candidate;
         // The largest size tried is the last start value; a proportional response may be ten times that and
         // still be physically plausible.
-        let Some(start) = candidate.starts.last() else { continue };
-        let Some(effect) = candidate.effect(start) else { continue };
-        let energy = energy(findings, &score_test, &effect).unwrap_or(0.0)
-            * if candidate.linear { 100.0 } else { 1.0 };
+        let effect = candidate.effect(candidate.starts.last()?)?;
+        let energy = energy(findings, &score_test, &effect).unwrap_or(0.0);
+        Some((candidate, energy * if candidate.linear { 100.0 } else { 1.0 }))
+    });
+    for (candidate, energy) in energies.collect::<Vec<_>>() {
         let known = by_effect.entry((candidate.kind.name(), candidate.place.clone())).or_insert(0.0);
         *known = known.max(energy);
     }

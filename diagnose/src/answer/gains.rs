@@ -102,9 +102,9 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
     let bare = Model { terms: Vec::new(), free: &[], ..selection.model.clone() };
     let states = bare.states();
     let given = Fit { values: selection.null.values[..states].to_vec(), ..selection.null.clone() };
-    let before = trained(&given, &bare);
     let named = !(selection.model.terms.is_empty() && selection.model.free.is_empty());
-    let after = named.then(|| trained(&selection.fit, &selection.model));
+    let (before, after) =
+        rayon::join(|| trained(&given, &bare), || named.then(|| trained(&selection.fit, &selection.model)));
     let after = after.as_ref().unwrap_or(&before);
     let channels = data.channels.iter().zip(data.ranges()).enumerate().map(|(c, (channel, range))| {
         let score = |predicted: &[f64]| score(channel, &predicted[range.clone()], cut);

@@ -6,12 +6,14 @@
 //! together they explain more than chance would, the named causes are incomplete or wrong.
 
 use crate::thresholds::{
-    GRAM_BLOCK_ROWS, LACK_CERTAIN_P_VALUE, LACK_ENERGY, LACK_P_VALUE, LACK_SIGMAS, MAX_AR_ORDER,
-    PRODUCT_STATES, RELAY_THRESHOLDS, SLOW_TURNS, TESTED_SAMPLES, TESTED_STATES, TESTED_TOGETHER,
+    GRAM_BLOCK_ROWS, GRAM_PANEL_COLUMNS, LACK_CERTAIN_P_VALUE, LACK_ENERGY, LACK_P_VALUE, LACK_SIGMAS,
+    MAX_AR_ORDER, PRODUCT_STATES, RELAY_THRESHOLDS, SLOW_TURNS, TESTED_SAMPLES, TESTED_STATES,
+    TESTED_TOGETHER,
 };
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixViewMut, DVector};
+use rayon::prelude::*;
 use whirlstand_linalg::symmetric_eigen;
 use whirlstand_vehicle::Vehicle;
 
@@ -283,7 +285,8 @@ fn groups<'a>(signals: &'a Signals) -> Vec<Group<'a>> {
     all
 }
 
-/// Adds the products of all columns with each other, a block of rows at a time.
+/// Adds the products of all columns with each other, a block of rows at a time: of the symmetric matrix the upper
+/// half, panels of columns side by side.
 fn add_gram(gram: &mut DMatrix<f64>, columns: &[Vec<f64>]) {
     let n = columns.len();
     let rows = columns.first().map_or(0, Vec::len);
@@ -291,6 +294,14 @@ fn add_gram(gram: &mut DMatrix<f64>, columns: &[Vec<f64>]) {
         let until = (from + GRAM_BLOCK_ROWS).min(rows);
         let flat: Vec<f64> = columns.iter().flat_map(|c| &c[from..until]).copied().collect();
         let block = DMatrix::from_vec(until - from, n, flat);
-        gram.gemm(1.0, &block.transpose(), &block, 1.0);
+        let across = block.transpose();
+        let panels = gram.as_mut_slice().par_chunks_mut(n * GRAM_PANEL_COLUMNS).enumerate();
+        panels.for_each(|(panel, values)| {
+            let (first, width) = (panel * GRAM_PANEL_COLUMNS, values.len() / n);
+            let upper = first + width;
+            let mut panel = DMatrixViewMut::from_slice(values, n, width);
+            panel.rows_mut(0, upper).gemm(1.0, &across.rows(0, upper), &block.columns(first, width), 1.0);
+        });
     }
+    gram.fill_lower_triangle_with_upper_triangle();
 }

@@ -5,6 +5,7 @@
 //! twice the strength) would come near it only by chance. All columns of a kind in a wrong unit are preferred
 //! over one alone.
 
+use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
 use super::gain::{self, Columns, Factor, scaled};
@@ -53,7 +54,8 @@ pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
     if skip >= shortest_record {
         return Vec::new();
     }
-    let weighed = all.take_while(|m| *m <= longest.max(SHORTEST_MEMORY_STEPS)).filter_map(|steps| {
+    let memories: Vec<f64> = all.take_while(|m| *m <= longest.max(SHORTEST_MEMORY_STEPS)).collect();
+    let weighed = memories.into_par_iter().filter_map(|steps| {
         let responses = Responses::new(&open, data, steps * data.period_s, skip)?;
         let declared = data.channels.iter().map(|c| c.declared).collect();
         Some(weigh(Columns::new(&responses, declared), &groups))
