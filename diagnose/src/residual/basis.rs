@@ -219,7 +219,27 @@ pub(crate) fn scale(values: &mut [f64]) {
 
 #[cfg(test)]
 mod tests {
-    use super::relay;
+    use super::{Signal, Signals, relay};
+
+    #[test]
+    fn products_are_those_of_any_two_signals() {
+        let signal = |name: &str, values: [f64; 2]| Signal { name: name.into(), values: values.to_vec() };
+        let signals = Signals {
+            inputs: vec![signal("u", [1.0, 2.0]), signal("v", [3.0, 5.0])],
+            states: vec![signal("x", [7.0, 11.0])],
+            turns: 0,
+            duration_s: 1.0,
+        };
+        let products = signals.products().map(|make| make());
+        let products: Vec<_> = products.map(|basis| (basis.description, basis.functions)).collect();
+        let product = |of: &str, values: [f64; 2]| (format!("follows {of}"), vec![values.to_vec()]);
+        let all = [
+            product("x times u", [7.0, 22.0]),
+            product("x times v", [21.0, 55.0]),
+            product("u times v", [3.0, 10.0]),
+        ];
+        assert_eq!(products, all);
+    }
 
     #[test]
     fn a_switch_turns_between_samples_and_comes_late() {

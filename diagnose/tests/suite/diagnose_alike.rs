@@ -104,6 +104,19 @@ fn a_mode_with_a_gain_is_one_cause_where_a_delay_and_a_gain_do_no_better() {
     }
 }
 
+/// A mode of gain 1 is found first, and then a gain beside it: together they are one mode of another gain.
+#[test]
+fn a_gain_beside_a_mode_of_gain_one_is_a_mode_of_that_gain() {
+    let mode = [("frequency_hz", 2.83), ("damping_ratio", 0.04), ("gain", 0.83)];
+    let truth = with(&[(Kind::UnmodelledMode, "u_roll", &mode)]);
+    for seed in [42, 43] {
+        let answer = diagnosis(flight(&truth, 18.0, &[0.0; 4], 1.0, Some(seed)), &quadrotor());
+        assert_eq!(named(&answer), [["unmodelled_mode(u_roll)"]], "seed {seed}: {}", answer.text());
+        let gain = &answer.causes[0].parameters["gain"];
+        assert!(gain.low < 0.83 && 0.83 < gain.high, "{}", answer.text());
+    }
+}
+
 /// Of a mode above the excited frequencies, the record shows little more than its gain.
 #[test]
 fn a_fast_mode_is_listed_beside_the_gain_that_it_looks_like() {

@@ -191,6 +191,23 @@ fn a_lag_is_named_although_the_sensors_would_do_as_well() {
     }
 }
 
+/// Over five seconds in which a law cancels gusts, commands show too little to be found, and too little to be missed.
+#[test]
+fn a_record_too_short_to_show_its_commands_is_not_of_another_vehicle() {
+    for seed in [89, 120, 142] {
+        let answer = diagnosis(UNSTABLE.fly(seed), &UNSTABLE.vehicle());
+        assert_eq!(first(&answer, &["actuator_lag"]), Came::Right, "seed {seed}: {}", answer.text());
+    }
+}
+
+/// A lag at the sensor gains in likelihood over commands, but with it the last third is predicted far worse: it gives
+/// way to what a filter finds that follows the record.
+#[test]
+fn what_predicts_the_rest_worse_is_not_named() {
+    let answer = diagnosis(UNSTABLE.fly(98), &UNSTABLE.vehicle());
+    assert_eq!(first(&answer, &["actuator_lag"]), Came::Right, "{}", answer.text());
+}
+
 /// Of two effects that explain much and contradict each other neither is named, but the record is not consistent.
 #[test]
 fn what_two_effects_explain_equally_is_not_consistent() {
