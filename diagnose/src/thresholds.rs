@@ -347,8 +347,8 @@ pub(crate) const SAME_LINE_SHARE: f64 = 0.02;
 /// Relative distance to an end of its range within which a value is at that end: its optimum lies beyond
 /// (Self and Liang 1987). Rounding of the last step of a fit.
 pub(crate) const AT_LIMIT_SHARE: f64 = 1e-3;
-/// Growth of the errors of held-out predictions, all outputs together, above which causes are withheld: the share that
-/// an input must explain to be one (`vehicle new`). Calibrated: no right name of the trials of docs/blind.md is withheld.
+/// Growth of the errors of held-out predictions, all outputs together, above which causes are doubted: the share that
+/// an input must explain to be one (`vehicle new`). Calibrated: no right name of the trials of docs/blind.md is doubted.
 pub(crate) const WORSE_AHEAD_RATIO: f64 = 1.05;
 /// Share of the model error below which causes explain it. The definition of `explained`.
 pub(crate) const EXPLAINED_SHARE: f64 = 0.1;

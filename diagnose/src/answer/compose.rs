@@ -85,8 +85,10 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     if left && answer.unexplained.description.is_empty() {
         answer.unexplained.description = remainder::beside(&answer.outputs, answer.heldout.horizon_s);
     }
-    if answer.verdict == Verdict::Unexplained && answer.unexplained.description.is_empty() {
-        answer.unexplained.description = undecided(&findings).unwrap_or_default();
+    if let Some(refused) = contested(&findings).filter(|_| answer.verdict == Verdict::Unexplained)
+        && answer.unexplained.description.is_empty()
+    {
+        answer.unexplained.description = remainder::undecided(refused);
     }
     let mut doubts = doubts::doubts(&answer.causes, &findings);
     // Advice on extrapolation is only given for an explained or a consistent record.
@@ -157,9 +159,6 @@ fn rejected(findings: &Findings<'_>, causes: &[Cause]) -> Vec<Rejected> {
     });
     let withheld = findings.residual.withheld.iter();
     all.extend(withheld.map(|(candidate, delta_bic)| rejection(candidate, *delta_bic, why.clone())));
-    all.extend(
-        findings.withdrawn.iter().map(|(candidate, gain, why)| rejection(candidate, *gain, why.clone())),
-    );
     for rival in selection.accepted.iter().flat_map(|a| &a.rivals).filter(|r| !r.indistinguishable()) {
         let (effect, place) = (rival.candidate.kind.name(), &rival.candidate.place);
         let known = |e: &str, p: &str| e == effect && p == place;
@@ -192,10 +191,7 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
         || hardly_testable(findings, answer)
     {
         Verdict::Inconclusive
-    } else if commands_tell_nothing(data, vehicle)
-        || contested(findings).is_some()
-        || !findings.withdrawn.is_empty()
-    {
+    } else if commands_tell_nothing(data, vehicle) || contested(findings).is_some() {
         Verdict::Unexplained
     } else {
         Verdict::Consistent
@@ -206,15 +202,6 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
 /// consistent either.
 fn contested<'f>(findings: &'f Findings<'_>) -> Option<&'f Refused> {
     findings.residual.selection.refused.iter().find(|refused| refused.contested)
-}
-
-/// Sentence on a cause that was found and is not named.
-fn undecided(findings: &Findings<'_>) -> Option<String> {
-    let withdrawn = findings.withdrawn.first().map(|(candidate, gain, why)| (candidate, *gain, why));
-    let contested =
-        || contested(findings).map(|refused| (&refused.candidate, refused.delta_bic, &refused.why));
-    let (candidate, gain, why) = withdrawn.or_else(contested)?;
-    Some(remainder::undecided(candidate, gain, why))
 }
 
 /// Remark on a partial answer.

@@ -4,11 +4,13 @@
 use whirlstand_logs::shown::number;
 use whirlstand_vehicle::Kind;
 
+use crate::answer::gains::Gain;
 use crate::answer::schema::Cause;
 use crate::candidates::Candidate;
 use crate::stages::findings::Findings;
 use crate::thresholds::{
     AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, RIDER_SHARE, UNIT_RATIOS,
+    WORSE_AHEAD_RATIO,
 };
 
 /// Sentences on what speaks against accepting the causes as the explanation.
@@ -19,6 +21,11 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
         doubts.extend(at_limits(candidate, &selection.fit.values[selection.model.range(term)]));
     }
     doubts.extend(causes.iter().filter_map(unit));
+    if !causes.is_empty() {
+        let (vehicle, data) = (findings.baseline.vehicle(), findings.baseline.data());
+        let names = data.channels.iter().map(|c| vehicle.outputs[c.output].name.as_str());
+        doubts.extend(worse_ahead(names.zip(&findings.gains.channels), findings.gains.heldout.horizon_s));
+    }
     // A filter that follows a record leaves noise, whatever is wrong.
     if findings.baseline.data().memory_s.is_some() {
         doubts.extend(next_to_nothing(causes));
@@ -31,6 +38,31 @@ fn next_to_nothing(causes: &[Cause]) -> Option<String> {
     let explained: f64 = causes.iter().map(|cause| cause.evidence.share_of_residual).sum();
     let too_little = !causes.is_empty() && explained < RIDER_SHARE;
     too_little.then(|| format!("that is {:.1} % of the residual power", 100.0 * explained))
+}
+
+/// Doubt about causes with which the model, fitted to the first part of the record, predicts the rest worse: all outputs
+/// together, by the mean logarithm of the ratio of their errors. Whatever gains in likelihood, an extension that
+/// predicts worse is none (cross-validation: Stone, J. R. Stat. Soc. B 36, 1974).
+fn worse_ahead<'g>(gains: impl Iterator<Item = (&'g str, &'g Gain)>, horizon_s: f64) -> Option<String> {
+    let ratio = |gain: &Gain| {
+        let (before, after) = gain.horizon;
+        Some((after.rmse? / before.rmse?).ln()).filter(|ratio| ratio.is_finite())
+    };
+    let all: Vec<(&str, &Gain, f64)> =
+        gains.filter_map(|(name, gain)| Some((name, gain, ratio(gain)?))).collect();
+    let mean = all.iter().map(|(.., ratio)| ratio).sum::<f64>() / all.len().max(1) as f64;
+    let told = |(name, gain, _): &(&str, &Gain, f64)| {
+        let (before, after) = gain.horizon;
+        Some(format!("{name} {:.1} % -> {:.1} %", before.fit?, after.fit?))
+    };
+    let worse: Vec<String> = all.iter().filter(|(.., ratio)| *ratio > 0.0).filter_map(told).collect();
+    (mean > WORSE_AHEAD_RATIO.ln()).then(|| {
+        format!(
+            "fitted to the first part of the record, the model with them predicts the rest worse than without, over {} s: fit of {}",
+            number(horizon_s),
+            worse.join(", ")
+        )
+    })
 }
 
 /// Doubts about sizes of a cause that ended at a limit of their range.
@@ -74,6 +106,7 @@ mod tests {
     use whirlstand_logs::shown::ShownUnit;
 
     use super::*;
+    use crate::answer::gains::Score;
     use crate::answer::schema::{Estimate, Evidence};
     use crate::candidates::Tunable;
 
@@ -94,6 +127,24 @@ mod tests {
             indistinguishable: Vec::new(),
             notes: Vec::new(),
         }
+    }
+
+    #[test]
+    fn causes_with_which_the_rest_is_predicted_worse_are_doubted() {
+        let score = |rmse: f64| Score { fit: Some(100.0 * (1.0 - rmse)), rmse: Some(rmse) };
+        let gain = |before: f64, after: f64| Gain {
+            free_run: None,
+            horizon: (score(before), score(after)),
+            floor: 0.01,
+            noise_model_share: None,
+        };
+        let doubt = |gains: &[Gain]| worse_ahead(["p", "q"].into_iter().zip(gains), 0.2);
+        assert_eq!(doubt(&[gain(0.3, 0.2), gain(0.3, 0.32)]), None, "one better, one a little worse");
+        assert_eq!(doubt(&[gain(0.3, 0.305), gain(0.3, 0.3)]), None, "as good");
+        let told = doubt(&[gain(0.3, 0.5), gain(0.3, 0.29)]).unwrap();
+        assert!(told.ends_with("over 0.200 s: fit of p 70.0 % -> 50.0 %"), "{told}");
+        let lost = Gain { horizon: (score(0.3), Score::default()), ..gain(0.3, 0.3) };
+        assert_eq!(doubt(&[lost]), None, "without samples");
     }
 
     #[test]

@@ -8,7 +8,6 @@ use whirlstand_vehicle::{Kind, Vehicle};
 
 use crate::answer::schema::HeldOut;
 use crate::data::record::{Channel, Data};
-use crate::model::block_means::mean_in_errors;
 use crate::model::commands::Commands;
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::FreeRun;
@@ -32,9 +31,6 @@ pub struct Gains {
     pub after: Vec<f64>,
     /// Scores of every channel on the held-out part.
     pub channels: Vec<Gain>,
-    /// Mean improvement of the squared errors over the horizon, all channels together, in its standard errors; `None`
-    /// where the held-out part is too short to tell.
-    pub improvement: Option<f64>,
 }
 
 /// Scores of one channel on the held-out part.
@@ -121,15 +117,12 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
             noise_model_share: (vehicle.outputs[channel.output].noise == 0.0).then(|| share(error)),
         }
     });
-    let block = 2 * ((horizon_s / data.period_s).round() as usize).max(1);
-    let improvement = improvement(data, (&before.ahead, &after.ahead), cut, block);
     let time = |k: usize| data.start_s + k as f64 * data.period_s;
     let shown = |trained: &Trained| if follows { trained.ahead.clone() } else { trained.own.clone() };
     Gains {
         heldout: HeldOut { from_s: time(cut), to_s: time(data.steps - 1), horizon_s },
         cut,
         channels: channels.collect(),
-        improvement,
         before: shown(&before),
         after: shown(after),
     }
@@ -156,27 +149,6 @@ fn score(channel: &Channel, predicted: &[f64], cut: usize) -> Score {
     let spread = rms(&measured.iter().map(|y| y - middle).collect::<Vec<_>>());
     let rmse = (!errors.is_empty()).then(|| rms(&errors));
     Score { fit: rmse.filter(|_| spread > 0.0).map(|e| 100.0 * (1.0 - e / spread)), rmse }
-}
-
-/// Mean improvement of the squared errors from step `cut` on, in its standard errors; each channel counts relative to
-/// its error before.
-fn improvement(data: &Data, (before, after): (&[f64], &[f64]), cut: usize, block: usize) -> Option<f64> {
-    let mut all: Vec<(usize, f64)> = Vec::new();
-    for (channel, range) in data.channels.iter().zip(data.ranges()) {
-        let counts = |k: &usize| channel.good[*k] && channel.step(*k) >= cut;
-        let errors = (0..channel.values.len()).filter(counts).filter_map(|k| {
-            let error = |predicted: &[f64]| channel.values[k] - predicted[range.start + k];
-            let (before, after) = (error(before), error(after));
-            (before.is_finite() && after.is_finite())
-                .then(|| (channel.step(k), before * before, after * after))
-        });
-        let errors: Vec<(usize, f64, f64)> = errors.collect();
-        let power = mean(&errors.iter().map(|(_, before, _)| *before).collect::<Vec<_>>());
-        if power > 0.0 {
-            all.extend(errors.iter().map(|(step, before, after)| (*step, (before - after) / power)));
-        }
-    }
-    Some(mean_in_errors(all.into_iter(), block)?.0)
 }
 
 /// True when a free run is clearly worse than the mean although predictions over the horizon are better than

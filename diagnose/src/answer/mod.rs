@@ -14,6 +14,5 @@ pub mod remainder;
 pub mod schema;
 pub mod terminal;
 pub mod vibration_source;
-pub mod worse_ahead;
 
 pub use schema::*;

@@ -6,9 +6,9 @@ use crate::thresholds::{COHERENT_CORRELATION, NOISE_POWER_RATIO};
 use whirlstand_vehicle::Vehicle;
 
 use crate::answer::schema::{OutputGain, Unexplained};
-use crate::candidates::Candidate;
 use crate::data::record::Data;
 use crate::model::columns::dot;
+use crate::search::selection::Refused;
 use crate::stages::findings::Findings;
 use whirlstand_logs::shown::number;
 use whirlstand_logs::spectrum::welch;
@@ -148,8 +148,9 @@ pub(crate) fn untold(vehicle: &str, outputs: &BTreeMap<String, OutputGain>, hori
     }
 }
 
-/// Text on a cause that was found and is not named, with the reason.
-pub(crate) fn undecided(candidate: &Candidate, delta_bic: f64, why: &str) -> String {
+/// Text on a cause that was found and is not named, because another explains as much.
+pub(crate) fn undecided(refused: &Refused) -> String {
+    let Refused { candidate, delta_bic, why, .. } = refused;
     format!("{} on {} gains {delta_bic:.0} in BIC, but {why}.", candidate.kind.name(), candidate.place)
 }
 

@@ -1,6 +1,5 @@
 //! Models of a record: free runs, noise, likelihood, and the response of the samples to effects.
 
-pub mod block_means;
 pub mod channel_noise;
 pub mod climb;
 pub mod columns;

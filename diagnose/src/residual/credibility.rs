@@ -13,8 +13,8 @@ use whirlstand_logs::stats::rms;
 /// follows a signal does better (it is left in `like`) or where they leave more than they explain; else
 /// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
 /// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
-/// is sized. Without a test for lack of fit, where the noise is not known, only a force that does better
-/// withdraws them.
+/// is sized. Without a test for lack of fit, where the noise is not known, only a force that explains as much as
+/// several causes withdraws them.
 pub fn withhold(
     selection: &mut Selection<'_, '_>,
     (lack, like): (&mut Option<LackOfFit>, &mut Option<ForceOnSignal>),
@@ -25,7 +25,7 @@ pub fn withhold(
     let Some(without) = selection.without_causes(start) else { return Vec::new() };
     let several = selection.model.terms.len() > without.model.terms.len() + 1;
     let chance = |lack: &LackOfFit| lack.one.chance.min(lack.all.chance);
-    let asked = several || lack.as_ref().is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
+    let asked = several || lack.as_ref().is_some_and(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
     let rival =
         if asked && !turbulent { rival(selection, &without, space, (several, lack.is_some())) } else { None };
     let believed = match (rival, &lack) {
@@ -38,7 +38,12 @@ pub fn withhold(
         (None, Some(_)) if !turbulent && drowned(selection, &without, space.declared) => Some(without),
         (None, Some(lack)) => selection.beyond(lack.left()),
     };
-    believed.map_or_else(Vec::new, |believed| selection.replaced(believed))
+    let Some(believed) = believed else { return Vec::new() };
+    let gains = selection.accepted.iter().map(|a| a.evidence.delta_bic);
+    let all = selection.model.terms.iter().cloned().zip(gains);
+    let taken = all.filter(|(c, _)| !believed.model.terms.contains(c)).collect();
+    *selection = believed;
+    taken
 }
 
 /// One force that follows a signal, where it explains as much as all causes together: several causes must do clearly better,

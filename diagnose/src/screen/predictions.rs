@@ -1,14 +1,14 @@
 //! Predictions of a record over a horizon, and the part of them that is due to the commands.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
+use whirlstand_logs::stats::mean;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::{Channel, Data};
-use crate::model::block_means::mean_in_errors;
 use crate::model::columns::dot;
 use crate::model::commands::Commands;
 use crate::model::free_run::FreeRun;
-use crate::thresholds::MAX_P_VALUE;
+use crate::thresholds::{LEAST_COMPARED_BLOCKS, MAX_P_VALUE};
 
 /// Settings of predictions: their horizon, the filter's memory, the known commands, and the block length for
 /// errors.
@@ -100,7 +100,18 @@ pub(super) fn blocks(
     span: Span,
     figure: impl Fn(&Sample) -> f64,
 ) -> Option<(f64, usize)> {
-    mean_in_errors(samples.iter().map(|sample| (sample.step, figure(sample))), span.block)
+    let mut sums = std::collections::BTreeMap::<usize, f64>::new();
+    for sample in samples {
+        *sums.entry(sample.step / span.block.max(1)).or_default() += figure(sample);
+    }
+    let sums: Vec<f64> = sums.into_values().collect();
+    if sums.len() < LEAST_COMPARED_BLOCKS {
+        return None;
+    }
+    let middle = mean(&sums);
+    let spread: f64 = sums.iter().map(|b| (b - middle).powi(2)).sum();
+    let error = (spread / (sums.len() * (sums.len() - 1)) as f64).sqrt();
+    (error > 0.0).then(|| (middle / error, sums.len()))
 }
 
 /// Hypothesis to test about the commands' part in the predictions.

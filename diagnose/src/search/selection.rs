@@ -82,15 +82,6 @@ impl Selection<'_, '_> {
         Some(kept)
     }
 
-    /// Puts another selection of its causes in its place; returns the others with their gains in BIC.
-    pub fn replaced(&mut self, by: Self) -> Vec<(Candidate, f64)> {
-        let gains = self.accepted.iter().map(|a| a.evidence.delta_bic);
-        let all = self.model.terms.iter().cloned().zip(gains);
-        let taken = all.filter(|(c, _)| !by.model.terms.contains(c)).collect();
-        *self = by;
-        taken
-    }
-
     /// The selection without causes that are too small for the lack of fit `left` to be just their misfit,
     /// refitted; `None` when there are none.
     pub fn beyond(&self, left: f64) -> Option<Self> {

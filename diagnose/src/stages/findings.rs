@@ -8,8 +8,7 @@ use super::baseline::Baseline;
 use super::residual::Residual;
 use crate::answer::Estimate;
 use crate::answer::gains::{Gains, gains, output_error};
-use crate::answer::worse_ahead::worse_ahead;
-use crate::candidates::{Candidate, Tunable};
+use crate::candidates::Tunable;
 use crate::residual::narrow_band;
 
 /// Everything that was found, before it is put into words.
@@ -20,23 +19,13 @@ pub(crate) struct Findings<'r> {
     /// The vehicle with everything that was found; `None` when nothing was.
     pub extended: Option<Vehicle>,
     pub gains: Gains,
-    /// All causes, where the record is predicted worse with them: with their gains in BIC, and the reason.
-    pub withdrawn: Vec<(Candidate, f64, String)>,
 }
 
 impl<'r> Findings<'r> {
-    pub fn new(baseline: &'r Baseline<'r>, mut residual: Residual<'r>) -> Self {
-        let (vehicle, data) = (baseline.vehicle(), baseline.data());
-        let mut gains = gains(baseline, &residual);
-        let names = data.channels.iter().map(|c| vehicle.outputs[c.output].name.as_str());
-        let mut withdrawn = Vec::new();
-        if let Some(why) = worse_ahead(names, &gains) {
-            let causes = residual.withdraw(baseline.start());
-            withdrawn = causes.into_iter().map(|(cause, gain)| (cause, gain, why.clone())).collect();
-            gains = self::gains(baseline, &residual);
-        }
-        let extended = extended(vehicle, &residual);
-        Self { baseline, residual, extended, gains, withdrawn }
+    pub fn new(baseline: &'r Baseline<'r>, residual: Residual<'r>) -> Self {
+        let extended = extended(baseline.vehicle(), &residual);
+        let gains = gains(baseline, &residual);
+        Self { baseline, residual, extended, gains }
     }
 }
 

@@ -89,15 +89,6 @@ impl<'r> Residual<'r> {
     }
 }
 
-impl Residual<'_> {
-    /// Withdraws all causes, with their gains in BIC; none where there are none. `start` are the values without any
-    /// cause.
-    pub fn withdraw(&mut self, start: Vec<f64>) -> Vec<(Candidate, f64)> {
-        let without = self.selection.without_causes(start);
-        without.map_or_else(Vec::new, |without| self.selection.replaced(without))
-    }
-}
-
 /// Excess noise, and the lack-of-fit test: made only where all noise is declared and none is in excess.
 fn tested(
     baseline: &Baseline<'_>,

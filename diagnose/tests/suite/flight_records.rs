@@ -200,14 +200,6 @@ fn a_record_too_short_to_show_its_commands_is_not_of_another_vehicle() {
     }
 }
 
-/// A lag at the sensor gains in likelihood over commands, but with it the last third is predicted far worse: it gives
-/// way to what a filter finds that follows the record.
-#[test]
-fn what_predicts_the_rest_worse_is_not_named() {
-    let answer = diagnosis(UNSTABLE.fly(98), &UNSTABLE.vehicle());
-    assert_eq!(first(&answer, &["actuator_lag"]), Came::Right, "{}", answer.text());
-}
-
 /// Of two effects that explain much and contradict each other neither is named, but the record is not consistent.
 #[test]
 fn what_two_effects_explain_equally_is_not_consistent() {
