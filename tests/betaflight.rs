@@ -197,11 +197,12 @@ from_s = 5.0
     bench.signal(libc::SIGINT);
     bench.finish();
     // As in "factor 0.793 (0.732 to 0.855)". What is named first rests on few gusts: the truth may lie outside the
-    // 95 % interval, but not by its half width again.
+    // 95 % interval, but not by its half width again. On a quiet machine nothing but the loss disturbs the mirror, and
+    // the interval is narrower than the digits that are shown.
     let told = line.split(cause).nth(1).unwrap().replace(['(', ')'], "");
     let told: Vec<f64> = told.split(' ').filter_map(|word| word.parse().ok()).collect();
     let &[factor, low, high] = &told[..] else { panic!("a factor with its interval: {line}") };
-    assert!(high - low < 0.3 && (factor - 0.8).abs() < high - low, "{line}");
+    assert!(high - low < 0.3 && (factor - 0.8).abs() < high - low + 0.005, "{line}");
     println!("{line}");
 }
 
