@@ -46,4 +46,14 @@ pub enum DiagnoseError {
         /// Period of the other record, s.
         other_s: f64,
     },
+    /// The records of one diagnosis show different outputs.
+    #[error(
+        "{first} and {other} have no output in common: diagnose them one by one, or give records of the same outputs"
+    )]
+    NothingShared {
+        /// Paths of the first records.
+        first: String,
+        /// Path of the record that shares no output with them.
+        other: String,
+    },
 }

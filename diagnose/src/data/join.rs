@@ -19,7 +19,8 @@ impl Data {
     /// prediction continues.
     ///
     /// # Errors
-    /// As [`Data::new`], when periods differ, and when all records together are too short.
+    /// As [`Data::new`], when periods differ, when the records have no output in common, and when all records
+    /// together are too short.
     pub fn join(records: &[Record], vehicle: &Vehicle, period_s: Option<f64>) -> Result<Self, DiagnoseError> {
         let mut parts = Vec::new();
         for record in records {
@@ -37,7 +38,11 @@ impl Data {
                     other_s: part.period_s,
                 });
             }
+            let (first, other) = (whole.origin.clone(), part.origin.clone());
             whole.append(part);
+            if whole.channels.is_empty() {
+                return Err(DiagnoseError::NothingShared { first, other });
+            }
         }
         if whole.steps < MIN_STEPS {
             let (origin, steps) = (whole.origin, whole.steps);
@@ -47,10 +52,16 @@ impl Data {
     }
 
     /// Appends another record, without as many of its first steps as align most sensors with their sampling
-    /// steps; samples of the other sensors do not count.
+    /// steps; samples of the other sensors do not count. Of a sensor that is slower in one of the two, as many
+    /// samples are taken from both, so that one noise model describes it.
     fn append(&mut self, mut other: Self) {
-        self.channels.retain(|c| other.channels.iter().any(|o| o.output == c.output && o.stride == c.stride));
-        other.channels.retain(|o| self.channels.iter().any(|c| o.output == c.output && o.stride == c.stride));
+        self.channels.retain(|c| other.channels.iter().any(|o| o.output == c.output));
+        other.channels.retain(|o| self.channels.iter().any(|c| o.output == c.output));
+        for (own, theirs) in self.channels.iter_mut().zip(&mut other.channels) {
+            let stride = own.stride.max(theirs.stride);
+            own.slow_down_to(stride);
+            theirs.slow_down_to(stride);
+        }
         let goes_on = |own: &Channel, theirs: &Channel, lead: usize| {
             (self.steps + theirs.first) % own.stride == (own.first + lead) % own.stride
         };
@@ -92,6 +103,31 @@ impl Data {
             channel.good.drain(..gone.min(channel.good.len()));
             channel.first = channel.first + gone * channel.stride - steps;
         }
+    }
+}
+
+impl Channel {
+    /// Keeps the samples of every `stride` steps, from the step on that finds most new values: one that repeats its
+    /// predecessor was measured before.
+    fn slow_down_to(&mut self, stride: usize) {
+        if stride <= self.stride {
+            return;
+        }
+        let end = self.first + self.values.len() * self.stride;
+        let sample = |step: usize| {
+            let since = step.checked_sub(self.first)?;
+            since.is_multiple_of(self.stride).then_some(since / self.stride)
+        };
+        let is_new = |k: usize| self.good[k] && (k == 0 || self.values[k] != self.values[k - 1]);
+        let news = |first: &usize| {
+            (*first..end).step_by(stride).filter(|step| sample(*step).is_some_and(is_new)).count()
+        };
+        // The first of equally good ones.
+        let Some(first) = (0..stride.min(end)).rev().max_by_key(news) else { return };
+        let kept: Vec<Option<usize>> = (first..end).step_by(stride).map(sample).collect();
+        let (values, good) =
+            kept.iter().map(|k| k.map_or((f64::NAN, false), |k| (self.values[k], self.good[k]))).unzip();
+        (self.values, self.good, self.first, self.stride) = (values, good, first, stride);
     }
 }
 
@@ -175,5 +211,57 @@ mod tests {
                 }
             }
         }
+    }
+    /// A sensor that is found to be slower in one part than in the other is used in both.
+    #[test]
+    fn a_sensor_of_two_rates_is_taken_at_the_slower_one() {
+        let text = "name = 'axis'\nA = [[-1.0]]\nB = [[1.0]]\ninputs = [{ name = 'u' }]\n\
+                    states = [{ name = 'roll', unit = 'rad' }]\noutputs = [{ name = 'roll', unit = 'rad' }]\n";
+        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        // A new value every `every` steps from `phase` on, repeated until the next where it is held.
+        let part = |from_s: f64, every: usize, phase: usize, held: bool| {
+            let times = (0..600).map(|k| from_s + 0.01 * f64::from(k)).collect();
+            let mut record = Record::new("axis", times).unwrap();
+            record.push("u", "", vec![0.5; 600]).unwrap();
+            let value = |k: usize| match k.checked_sub(phase).map(|since| since % every) {
+                Some(0) => k as f64,
+                Some(since) if held => (k - since) as f64,
+                _ => f64::NAN,
+            };
+            record.push("roll", "rad", (0..600).map(value).collect()).unwrap();
+            record
+        };
+        let cases =
+            [((1, 0, false), (3, 1, false)), ((4, 3, false), (1, 0, false)), ((2, 1, true), (6, 4, false))];
+        for ((every, phase, held), (other_every, other_phase, other_held)) in cases {
+            let records = [part(0.0, every, phase, held), part(10.0, other_every, other_phase, other_held)];
+            let data = Data::join(&records, &vehicle, None).unwrap();
+            let [channel] = &data.channels[..] else { panic!("{data:?}") };
+            assert_eq!(channel.stride, every.max(other_every));
+            let (begin, lead) = (data.starts[1], data.clocks[1] as usize);
+            let seen: Vec<usize> = (0..data.steps).filter(|k| channel.measured_at(*k).is_some()).collect();
+            assert!(seen.len() * channel.stride > 1000, "{seen:?}");
+            for k in seen {
+                let own = if k < begin { k } else { k - begin + lead };
+                assert_eq!(channel.measured_at(k), Some(own as f64), "{every} {other_every}, step {k}");
+            }
+        }
+    }
+
+    /// Records of different outputs are refused in a sentence.
+    #[test]
+    fn records_without_an_output_in_common_are_refused() {
+        let text = "name = 'axis'\nA = [[0.0, 1.0], [0.0, -1.0]]\nB = [[0.0], [1.0]]\ninputs = [{ name = 'u' }]\n\
+                    states = [{ name = 'roll', unit = 'rad' }, { name = 'rate', unit = 'rad/s' }]\n\
+                    outputs = [{ name = 'roll', unit = 'rad' }, { name = 'rate', unit = 'rad/s' }]";
+        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        let only = |name: &str| {
+            let mut record = Record::new(name, (0..100).map(|k| 0.01 * f64::from(k)).collect()).unwrap();
+            record.push("u", "", vec![0.5; 100]).unwrap();
+            record.push(name, "", (0..100).map(f64::from).collect()).unwrap();
+            record
+        };
+        let told = Data::join(&[only("roll"), only("rate")], &vehicle, None).unwrap_err().to_string();
+        assert!(told.starts_with("roll and rate have no output in common"), "{told}");
     }
 }
