@@ -3,7 +3,7 @@
 
 use super::ReportError;
 use super::diagnosis_signals::{evidence, output};
-use super::diagnosis_tables::{causes, gains, not_testable, rejected};
+use super::diagnosis_tables::{causes, gains, not_testable, refitted, rejected};
 use super::page::{Attachment, Level, Page, Section};
 use super::text_diff::changed_lines;
 use whirlstand_diagnose::{Diagnosis, Verdict};
@@ -29,6 +29,7 @@ pub fn diagnosis_report(answer: &Diagnosis) -> Result<String, ReportError> {
     }
     sections.extend(causes(answer));
     sections.extend(vehicle(answer));
+    sections.extend(refitted(answer));
     sections.push(gains(answer));
     sections.extend(answer.figures.outputs.iter().map(|o| output(answer, o)));
     sections.extend(left(answer));

@@ -61,6 +61,25 @@ fn cause(cause: &Cause) -> Vec<Row> {
     rows
 }
 
+/// The free parameters of the vehicle that were fitted anew; `None` where its values were kept.
+pub(crate) fn refitted(answer: &Diagnosis) -> Option<Section> {
+    let rows = answer.refitted.iter().map(|r| {
+        row(
+            r.parameter.clone(),
+            vec![Cell::new(number(r.given)), Cell::new(number(r.value)), Cell::new(r.unit.clone())],
+        )
+    });
+    (!answer.refitted.is_empty()).then(|| Section {
+        title: "Parameters fitted anew".into(),
+        text: "The vehicle file says that these values are estimates: they were fitted to this record beside the causes. A value \
+               that is far from the file's, beyond what its fit left open, is a change of the vehicle, or of the record's \
+               columns."
+            .into(),
+        tables: vec![Table { head: head(&["parameter", "file", "this record", "unit"]), rows: rows.collect(), ..Table::default() }],
+        ..Section::default()
+    })
+}
+
 /// The gain in accuracy on held-out data.
 pub(crate) fn gains(answer: &Diagnosis) -> Section {
     let ahead = format!("{} s", number(answer.heldout.horizon_s));

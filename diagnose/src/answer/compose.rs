@@ -32,6 +32,7 @@ fn empty_answer(checked: &Checked<'_>) -> Diagnosis {
         period_s: checked.data.period_s,
         causes: Vec::new(),
         correlations: Vec::new(),
+        refitted: Vec::new(),
         rejected: Vec::new(),
         not_testable: Vec::new(),
         outputs: BTreeMap::new(),
@@ -77,6 +78,7 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer.outputs = outputs(&findings);
     answer.causes = causes(&findings);
     answer.correlations = correlations(&findings);
+    answer.refitted = refitted(&findings);
     answer.rejected = rejected(&findings, &answer.causes);
     answer.not_testable = experiments::not_testable(&findings, data, vehicle);
     answer.unexplained = remainder::unexplained(&findings, data, vehicle);
@@ -114,6 +116,19 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer.figures = evidence::figures(&findings, &answer);
     answer.extended = findings.extended.take().filter(|_| !answer.causes.is_empty()).map(Box::new);
     answer
+}
+
+/// The free parameters before and after the fit.
+fn refitted(findings: &Findings<'_>) -> Vec<Refitted> {
+    let vehicle = findings.baseline.vehicle();
+    let free = findings.residual.selection.model.free.iter().zip(&findings.refitted);
+    free.map(|(free, value)| Refitted {
+        parameter: vehicle.free_name(&free.target),
+        given: vehicle.free_value(&free.target),
+        value: *value,
+        unit: vehicle.free_unit_si(&free.target),
+    })
+    .collect()
 }
 
 /// Fit and error of each output on the held-out part of the record, by output name.

@@ -81,18 +81,18 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
         let model = Model { free_run: &free_run, free: model.free, terms: model.terms.clone() };
         // A parameter that only the held-out part determines (an event within it) keeps its value of the
         // whole record.
+        let fit =
+            model.fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]));
+        let fit = fit.ok();
         // Where a filter follows the record, there is no simulation to which the noise model could leave anything.
-        let fit = if model.free.is_empty() || follows {
-            model
-                .fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]))
-                .ok()
-        } else {
-            output_error(&model, full)
-        };
-        let values = fit.as_ref().map_or(&full.values, |f| &f.values);
-        let ahead = ahead(&following, &model, values, horizon_s);
+        let simulated = fit.as_ref().filter(|_| !model.free.is_empty() && !follows);
+        let (values, own) = simulated
+            .and_then(|fit| output_error(&model, fit))
+            .or_else(|| fit.map(|f| (f.values, f.predicted)))
+            .unwrap_or_else(|| (full.values.clone(), full.predicted.clone()));
+        let ahead = ahead(&following, &model, &values, horizon_s);
         let ahead = ahead.unwrap_or_else(|| vec![f64::NAN; full.predicted.len()]);
-        Trained { own: fit.map_or_else(|| full.predicted.clone(), |f| f.predicted), ahead }
+        Trained { own, ahead }
     };
     // Before: the vehicle as given, without any refit.
     let bare = Model { terms: Vec::new(), free: &[], ..selection.model.clone() };
@@ -194,14 +194,20 @@ fn ahead(following: &Data, model: &Model<'_, '_>, values: &[f64], horizon_s: f64
     FreeRun::new(&vehicle, following).ahead(&vehicle, &initial, steps, Commands::Recorded).ok()
 }
 
-/// The same structure fitted as an output-error model for the free run: where a noise model takes slow
-/// residuals for coloured noise, refitted parameters would leave them in the simulation. Reported names and
-/// intervals are those of the likelihood, simulations those of this fit.
-pub(crate) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<Fit> {
+/// Values and free run of a fitted model whose initial state and free parameters are fitted again as an
+/// output-error model: where a noise model takes slow residuals for coloured noise, refitted parameters would leave
+/// them in the simulation. The causes keep their values, which the answer gives with their intervals.
+pub(crate) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<(Vec<f64>, Vec<f64>)> {
     let data = model.free_run.data;
     let channels = 0..data.channels.len();
     let stds: Vec<f64> = channels.map(|c| fit.profile.noise.std(c, data, &fit.residual)).collect();
-    model.fit(fit.values.clone(), Some(&Noise::white(&stds)), None).ok()
+    let vehicle = model.vehicle(&fit.values).ok()?;
+    let free_run = FreeRun::new(&vehicle, data);
+    let (base, terms) = fit.values.split_at(model.base());
+    let base = Model { free_run: &free_run, free: model.free, terms: Vec::new() }
+        .fit(base.to_vec(), Some(&Noise::white(&stds)), None)
+        .ok()?;
+    Some(([&base.values, terms].concat(), base.predicted))
 }
 
 /// Noise of a channel: the whole residual where nothing is left to explain, else its one-step unpredictable

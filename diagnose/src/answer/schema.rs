@@ -51,6 +51,10 @@ pub struct Diagnosis {
     /// independent.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub correlations: Vec<Correlation>,
+    /// Free parameters of the vehicle, which were fitted anew beside the causes; absent where the vehicle's values
+    /// were kept.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub refitted: Vec<Refitted>,
     /// Effects that were tested and not accepted, the nearest first.
     pub rejected: Vec<Rejected>,
     /// Effects that this record could not have shown.
@@ -106,6 +110,19 @@ pub struct Correlation {
     pub between: [ParameterPlace; 2],
     /// Correlation coefficient, -1 to 1.
     pub coefficient: f64,
+}
+
+/// A free parameter of the vehicle before and after the fit to the record.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Refitted {
+    /// Name of the parameter, as `identify` gives it.
+    pub parameter: String,
+    /// Value in the vehicle file, SI.
+    pub given: f64,
+    /// Value with which the simulation fits the record, SI: that of the extended vehicle.
+    pub value: f64,
+    /// SI unit of both; empty for a dimensionless number.
+    pub unit: String,
 }
 
 /// A parameter of a cause.

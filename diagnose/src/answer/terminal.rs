@@ -1,6 +1,6 @@
 //! The answer for a terminal: at most fifteen lines of text.
 
-use crate::answer::schema::{Diagnosis, Verdict, short};
+use crate::answer::schema::{Diagnosis, Refitted, Verdict, short};
 
 impl Diagnosis {
     /// The diagnosis as at most 15 lines of text, without colour.
@@ -21,6 +21,12 @@ impl Diagnosis {
                 line.push_str(&format!("; {note}"));
             }
             lines.push(line);
+        }
+        if !self.refitted.is_empty() {
+            let one =
+                |r: &Refitted| format!("{} {} -> {} {}", r.parameter, short(r.given), short(r.value), r.unit);
+            let all: Vec<String> = self.refitted.iter().map(|r| one(r).trim_end().to_string()).collect();
+            lines.push(format!("fitted anew: {}", all.join(", ")));
         }
         if let Some(near) = self.rejected.first() {
             lines.push(format!("  nearest rejected: {} on {}: {}", near.effect, near.place, near.why));

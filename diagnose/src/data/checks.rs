@@ -8,13 +8,9 @@ use whirlstand_vehicle::Vehicle;
 use crate::answer::schema::DataFinding;
 use crate::data::outliers::Excluded;
 use crate::data::record::Data;
-use crate::model::fit::Model;
 use crate::model::free_run::FreeRun;
 use crate::model::predictor::{gain_beside_declared, gain_of_inputs};
 use whirlstand_logs::stats::{median, rms};
-
-/// Degrees in a radian.
-const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
 fn finding(kind: &str, place: &str, blocking: bool, text: String) -> DataFinding {
     DataFinding { kind: kind.into(), place: place.into(), text, blocking }
@@ -202,15 +198,14 @@ pub fn excitation(data: &Data, vehicle: &Vehicle) -> Vec<DataFinding> {
 }
 
 /// Share of `y` that a simulated signal explains: 1 - |y - s|^2 / |y|^2 of the varying parts.
-fn fit(y: &[f64], s: &[f64], factor: f64) -> f64 {
+fn fit(y: &[f64], s: &[f64]) -> f64 {
     let (my, ms) = (whirlstand_logs::stats::mean(y), whirlstand_logs::stats::mean(s));
-    let error: f64 = y.iter().zip(s).map(|(y, s)| (y - my - factor * (s - ms)).powi(2)).sum();
+    let error: f64 = y.iter().zip(s).map(|(y, s)| (y - my - (s - ms)).powi(2)).sum();
     let power: f64 = y.iter().map(|y| (y - my).powi(2)).sum();
     if power > 0.0 { 1.0 - error / power } else { 0.0 }
 }
 
-/// Finds channels that were swapped, have the wrong sign or another unit: the simulation of one channel fits
-/// the measurement of another.
+/// Finds channels that were swapped: the simulation of one channel fits the measurement of another.
 pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> Vec<DataFinding> {
     let data = free_run.data;
     let vehicle = &free_run.vehicle;
@@ -220,7 +215,7 @@ pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> 
     let mut found = Vec::new();
     let p = data.channels.len();
     let own_fits: Vec<f64> =
-        (0..p).map(|c| fit(&measured[ranges[c].clone()], &predicted[ranges[c].clone()], 1.0)).collect();
+        (0..p).map(|c| fit(&measured[ranges[c].clone()], &predicted[ranges[c].clone()])).collect();
     for a in 0..p {
         for b in a + 1..p {
             let (ya, yb) = (&measured[ranges[a].clone()], &measured[ranges[b].clone()]);
@@ -228,7 +223,7 @@ pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> 
             if ya.len() != yb.len() {
                 continue;
             }
-            let (ab, ba) = (fit(ya, sb, 1.0), fit(yb, sa, 1.0));
+            let (ab, ba) = (fit(ya, sb), fit(yb, sa));
             if ab > SAME_SIGNAL_FIT
                 && ba > SAME_SIGNAL_FIT
                 && ab > own_fits[a] + 0.3
@@ -247,60 +242,10 @@ pub fn channels(free_run: &FreeRun<'_>, predicted: &[f64], residual: &[f64]) -> 
             }
         }
     }
-    if !found.is_empty() {
-        return found;
-    }
-    for c in 0..p {
-        let y = &measured[ranges[c].clone()];
-        if own_fits[c] > 0.5 {
-            continue;
-        }
-        let s = foretold(free_run, c).unwrap_or_else(|| predicted[ranges[c].clone()].to_vec());
-        let s = s.as_slice();
-        let own = fit(y, s, 1.0);
-        if own > 0.5 {
-            continue;
-        }
-        if fit(y, s, -1.0) > SAME_SIGNAL_FIT && others_fit(&own_fits, c) {
-            let text = format!("{} has the wrong sign: its negative matches the simulation", name(c));
-            found.push(finding("sign", name(c), true, text));
-        }
-        for (factor, is, wanted) in [(DEGREES, "degrees", "radians"), (1.0 / DEGREES, "radians", "degrees")] {
-            if fit(y, s, factor) > 0.8 || own < -0.5 && fit(y, s, factor) > SAME_SIGNAL_FIT {
-                let text = format!(
-                    "{} is in {is}, but was read as {wanted}: give the unit in the header, {}[deg] or {}[rad]",
-                    name(c),
-                    name(c),
-                    name(c)
-                );
-                found.push(finding("unit", name(c), true, text));
-            }
-        }
-    }
     found
 }
 
-/// True when most other channels resemble their simulation, or when there are none: a vehicle that flies
-/// quite differently proves nothing by one channel of the opposite sign.
-fn others_fit(own_fits: &[f64], channel: usize) -> bool {
-    let others: Vec<f64> =
-        own_fits.iter().enumerate().filter(|(c, _)| *c != channel).map(|(_, f)| *f).collect();
-    others.is_empty() || whirlstand_logs::stats::median(&others) > 0.0
-}
-
-/// Simulation of a channel from the initial state that fits all other channels.
-fn foretold(free_run: &FreeRun<'_>, channel: usize) -> Option<Vec<f64>> {
-    let mut others = free_run.data.clone();
-    (others.channels.len() > 1).then_some(())?;
-    others.channels[channel].good.fill(false);
-    let free_run = FreeRun::new(&free_run.vehicle, &others);
-    let fit = Model { free_run: &free_run, free: &[], terms: Vec::new() }
-        .fit(vec![0.0; free_run.initials()], None, None)
-        .ok()?;
-    Some(fit.predicted[others.ranges()[channel].clone()].to_vec())
-}
-
-/// Finds inputs that were swapped or have the wrong sign: the vehicle responds to the other one.
+/// Finds inputs that were swapped: the vehicle responds to the other one.
 pub fn inputs(
     free_run: &FreeRun<'_>,
     initial: &[f64],
@@ -311,7 +256,7 @@ pub fn inputs(
     let ranges = data.ranges();
     let measured: Vec<f64> = predicted.iter().zip(residual).map(|(p, r)| p + r).collect();
     let quality = |s: &[f64]| -> f64 {
-        let fits = ranges.iter().map(|r| fit(&measured[r.clone()], &s[r.clone()], 1.0).max(-1.0));
+        let fits = ranges.iter().map(|r| fit(&measured[r.clone()], &s[r.clone()]).max(-1.0));
         fits.sum::<f64>() / ranges.len() as f64
     };
     let own = quality(predicted);
@@ -324,11 +269,6 @@ pub fn inputs(
     let inputs = &free_run.vehicle.inputs;
     let mut found = Vec::new();
     for j in 0..data.m {
-        let turned = attempt(&|u: &mut [f64]| u[j] = -u[j]);
-        if turned > SAME_SIGNAL_FIT && turned > own + 0.4 {
-            let text = format!("{} has the wrong sign: the vehicle responds to its negative", inputs[j].name);
-            found.push(finding("sign", &inputs[j].name, true, text));
-        }
         for i in j + 1..data.m {
             let swapped = attempt(&|u: &mut [f64]| u.swap(i, j));
             if swapped > SAME_SIGNAL_FIT && swapped > own + 0.4 {

@@ -54,7 +54,7 @@ impl Columns {
             let size = columns.iter().zip(weights).map(|(c, w)| w * w * dot(c, c)).fold(0.0, f64::max);
             let rows = residual.len() as f64;
             let variance = ar.variance.max(ROUNDING * size / rows.max(1.0)).max(f64::MIN_POSITIVE);
-            all += rows * (weights[i].ln() - 0.5 * variance.ln());
+            all += rows * (weights[i].abs().ln() - 0.5 * variance.ln());
             if *declared > 0.0 {
                 prior -= 0.5 * ((variance.sqrt() / declared).ln() / DECLARED_NOISE_LOG_STD).powi(2);
             }
@@ -116,7 +116,7 @@ impl FactorLikelihood {
     fn at(&self, weights: &[f64]) -> f64 {
         let one = |(i, c): (usize, &Products)| {
             let variance = (energy(&c.products, weights) / c.rows.max(1.0)).max(f64::MIN_POSITIVE);
-            c.rows * (weights[i].ln() - 0.5 * variance.ln())
+            c.rows * (weights[i].abs().ln() - 0.5 * variance.ln())
         };
         self.channels.iter().enumerate().map(one).sum()
     }

@@ -207,19 +207,6 @@ pub(super) fn stranger(vehicle: &Vehicle, modes: &[Vehicle], data: &Data) -> Opt
     others.iter().all(is_foreign).then(|| finding(vehicle, data, &judged, reach))
 }
 
-/// True when the vehicle is clearly wrong about some output: it predicts it worse than mean or last value
-/// over one horizon, and better over none.
-pub(super) fn is_contradicted(vehicle: &Vehicle, data: &Data) -> bool {
-    let judged = judged(vehicle, data);
-    let (mut better, mut worse) = (vec![false; data.channels.len()], vec![false; data.channels.len()]);
-    let spans = spans(vehicle, data).1;
-    for (c, compared) in spans.into_iter().flat_map(|span| compare(vehicle, data, &judged, span)) {
-        better[c] |= compared == Compared::Better;
-        worse[c] |= compared == Compared::Worse;
-    }
-    judged.into_iter().any(|c| worse[c] && !better[c])
-}
-
 /// Horizons over which predictions are compared, steps, the longest last, and the predictions to make.
 fn spans(vehicle: &Vehicle, data: &Data) -> (Vec<usize>, Vec<Span>) {
     let horizons = horizons(vehicle, data);

@@ -1,4 +1,4 @@
-//! Columns recorded in another unit, or with a gross scale error.
+//! Columns recorded in another unit, with the opposite sign, or with a gross scale error.
 //!
 //! A unit error has one of a few known ratios, a fault any factor: a unit error is reported where the
 //! interval of the estimated factor contains its ratio, and where physical faults (lost effectiveness, up to
@@ -9,17 +9,17 @@ use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
 use super::gain::{self, Columns, Factor, scaled};
-use super::resemblance::is_contradicted;
+use super::resemblance::foresight;
 use super::responses::{Responses, linear};
 use crate::answer::schema::{DataFinding, short};
 use crate::data::record::Data;
 use crate::thresholds::{
     CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, LONGEST_SCREEN_SHARE, MAX_WRONG_UNITS, MEMORY_GROWTH,
-    OVERSHADOWED_BIC, SAME_LOG_LIKELIHOOD, SEARCHED_FACTORS, SHORTEST_MEMORY_STEPS, UNIT_RATIOS,
-    VEHICLE_GAIN_ERROR,
+    OPPOSITE_SIGN, OVERSHADOWED_BIC, SAME_LOG_LIKELIHOOD, SEARCHED_FACTORS, SHORTEST_MEMORY_STEPS,
+    UNIT_RATIOS, VEHICLE_GAIN_ERROR,
 };
 
-/// Columns that are too large by one ratio.
+/// Columns that are too large by one ratio, which is negative for columns of the opposite sign.
 #[derive(Debug, Clone)]
 struct WrongUnit {
     /// Indices of the sources: channels, then inputs.
@@ -76,7 +76,7 @@ pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
     }
     let units = best.units.iter().filter_map(|unit| {
         let left = factor(best, beside, &unit.members)?;
-        Some((unit, Factor { log: unit.ratio.ln() + left.log, ..left }))
+        Some((unit, Factor { log: unit.ratio.abs().ln() + left.log, ..left }))
     });
     let units: Vec<_> = units.collect();
     // Products of several ratios come close to any number, so that each of several must match exactly.
@@ -85,7 +85,9 @@ pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
         |(unit, factor): &&(&WrongUnit, Factor)| is_certain(unit, factor, unit.members[0] >= p, room);
     let certain: Vec<_> = units.iter().filter(is_unit).collect();
     // For a vehicle with other errors than units, any gain may come close to one of their ratios.
-    let is_all = |wrong: &[WrongUnit]| !is_contradicted(vehicle, &mended(data, wrong.iter()));
+    let is_all = |wrong: &[WrongUnit]| {
+        foresight(vehicle, &mended(data, wrong.iter()), 0, true).contradicted.is_empty()
+    };
     if !certain.is_empty() {
         let wrong: Vec<WrongUnit> = certain.iter().map(|(unit, _)| (*unit).clone()).collect();
         let all = certain.iter().map(|(unit, factor)| finding(vehicle, data, unit, factor));
@@ -94,7 +96,7 @@ pub(super) fn units(vehicle: &Vehicle, data: &Data) -> Vec<DataFinding> {
     // A factor that is no ratio of units, and beyond what is searched for as a fault.
     let [(unit, factor)] = units[..] else { return Vec::new() };
     let own = WrongUnit { ratio: factor.log.exp(), ..unit.clone() };
-    let beyond = strengths(&factor, unit.members[0] >= p).0 > *SEARCHED_FACTORS.end();
+    let beyond = unit.ratio > 0.0 && strengths(&factor, unit.members[0] >= p).0 > *SEARCHED_FACTORS.end();
     if beyond && is_all(std::slice::from_ref(&own)) {
         return vec![strange_size(vehicle, data, &own, &factor)];
     }
@@ -153,12 +155,13 @@ fn factor(best: &Weighed, beside: &Weighed, members: &[usize]) -> Option<Factor>
     Some(Factor { log: -own.log, half: own.half + (own.log - other.log).abs() })
 }
 
+/// Ratios of units, and the sign of another convention of axes.
 fn ratios() -> impl Iterator<Item = f64> {
-    UNIT_RATIOS.iter().flat_map(|r| [*r, 1.0 / r])
+    UNIT_RATIOS.iter().flat_map(|r| [*r, 1.0 / r]).chain([OPPOSITE_SIGN])
 }
 
-/// Groups of columns that may share one wrong unit: each alone, those of one unit, all angles with their
-/// rates, all inputs.
+/// Groups of columns that may share one wrong unit or sign: each alone, an angle with its rate, those of one
+/// unit, all angles with their rates, all inputs.
 fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
     let p = data.channels.len();
     let inputs: Vec<usize> = (p..p + data.m).collect();
@@ -172,6 +175,11 @@ fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
             groups.push(group);
         }
     };
+    for (angle, rate) in (0..p).flat_map(|a| (0..p).map(move |b| (a, b))) {
+        if is_integral(vehicle, data, (angle, rate)) {
+            add(vec![angle.min(rate), angle.max(rate)]);
+        }
+    }
     for range in [0..p, p..p + data.m] {
         for first in range.clone() {
             add(range.clone().filter(|s| si(s) == si(&first)).collect());
@@ -182,16 +190,29 @@ fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
     groups
 }
 
+/// True when one channel shows nothing but the integral of what the other one shows.
+fn is_integral(vehicle: &Vehicle, data: &Data, (angle, rate): (usize, usize)) -> bool {
+    let shown = |c: usize| {
+        let mut states =
+            (0..vehicle.states.len()).filter(|j| vehicle.c[(data.channels[c].output, *j)] != 0.0);
+        states.next().filter(|_| states.next().is_none())
+    };
+    let of = shown(angle).and_then(|j| vehicle.kinematic_row(j));
+    of.is_some_and(|(of, _)| shown(rate) == Some(of))
+}
+
 /// True when only the unit explains the factor: its interval contains the unit's ratio, and hardly any factor
 /// of physical faults. Where no physical factor lies in the interval, the gains of the vehicle file may also
 /// be wrong by `room`.
 fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool, room: f64) -> bool {
     let (low, high) = (factor.log - factor.half, factor.log + factor.half);
     let (weakest, strongest) = strengths(factor, input);
-    let physical = (strongest.min(GREATEST_PHYSICAL_FACTOR) - weakest).max(0.0);
+    // No fault turns a sign.
+    let turned = unit.ratio < 0.0;
+    let physical = if turned { 0.0 } else { (strongest.min(GREATEST_PHYSICAL_FACTOR) - weakest).max(0.0) };
     let room = if physical > 0.0 { 0.0 } else { room };
-    let holds = |r: f64| low - room < r.ln() && r.ln() < high + room;
-    let alone = !ratios().any(|r| r != unit.ratio && holds(r));
+    let holds = |r: f64| low - room < r.abs().ln() && r.abs().ln() < high + room;
+    let alone = !ratios().any(|r| r != unit.ratio && (r < 0.0) == turned && holds(r));
     // An interval as wide as the distance between ratios distinguishes none of them. An effect that the vehicle lacks changes
     // its gain by any factor of moderate size, so that such a ratio has to be known as well as a gain that is kept.
     let least = UNIT_RATIOS.iter().copied().fold(f64::INFINITY, f64::min);
@@ -225,15 +246,16 @@ fn finding(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) ->
     let signals = |members: &[usize]| members.iter().map(|s| signal(vehicle, data, *s)).collect::<Vec<_>>();
     let own = signals(&unit.members);
     let input = unit.members[0] >= data.channels.len();
-    let at = |sigmas: f64| short((factor.log + sigmas * factor.half).exp());
+    let at = |sigmas: f64| short(unit.ratio.signum() * (factor.log + sigmas * factor.half).exp());
     let mut text = format!(
-        "{}: {} times ({} to {}) what {} {}, which points to a wrong unit. {}",
+        "{}: {} times ({} to {}) what {} {}, which points to {}. {}",
         too_large(&own, unit.ratio),
         at(0.0),
         at(-1.0),
         at(1.0),
         vehicle.name,
         if input { "answers to" } else { "does" },
+        if unit.ratio < 0.0 { "another convention of axes" } else { "a wrong unit" },
         mending(&own, unit.ratio)
     );
     if let Some((members, ratio)) = &unit.or {
@@ -242,14 +264,17 @@ fn finding(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Factor) ->
             too_large(&signals(members), *ratio)
         ));
     }
-    if input {
+    if input && unit.ratio < 0.0 {
+        text.push_str("; or the actuator is connected the wrong way round: then turn the sign of its entries of B in the vehicle file");
+    } else if input {
         text.push_str(&format!(
             "; a vehicle with an input_gain of {} would respond in the same way: if that is the case, add it to the vehicle file",
             short(1.0 / unit.ratio)
         ));
     }
     let names: Vec<&str> = own.iter().map(|(n, _)| n.as_str()).collect();
-    DataFinding { kind: "unit".into(), place: names.join(","), text, blocking: true }
+    let kind = if unit.ratio < 0.0 { "sign" } else { "unit" };
+    DataFinding { kind: kind.into(), place: names.join(","), text, blocking: true }
 }
 
 /// Finding on columns of a size that neither a unit nor a fault explains.
@@ -274,6 +299,10 @@ fn strange_size(vehicle: &Vehicle, data: &Data, unit: &WrongUnit, factor: &Facto
 /// Text: columns are too large by a ratio.
 fn too_large(signals: &[(String, String)], ratio: f64) -> String {
     let names: Vec<&str> = signals.iter().map(|(n, _)| n.as_str()).collect();
+    if ratio == OPPOSITE_SIGN {
+        let have = if names.len() == 1 { "has" } else { "have" };
+        return format!("{} {have} the opposite sign", list(&names));
+    }
     let (much, size) = if ratio > 1.0 { ("large", ratio) } else { ("small", 1.0 / ratio) };
     let are = if names.len() == 1 { "is" } else { "are" };
     format!("{} {are} {} times too {much}", list(&names), short(size))
@@ -282,6 +311,10 @@ fn too_large(signals: &[(String, String)], ratio: f64) -> String {
 /// Text: how to correct columns that are too large by a ratio.
 fn mending(signals: &[(String, String)], ratio: f64) -> String {
     let columns = if signals.len() == 1 { "column" } else { "columns" };
+    if ratio == OPPOSITE_SIGN {
+        let maps: Vec<String> = signals.iter().map(|(name, _)| format!("--map {name}=-{name}")).collect();
+        return format!("Turn the sign of the {columns}, or use {}", maps.join(" "));
+    }
     let maps =
         signals.iter().map(|(name, si)| Some(format!("--map {name}={name}[{}]", recorded(si, ratio)?)));
     match maps.collect::<Option<Vec<String>>>() {

@@ -18,23 +18,27 @@ pub(crate) struct Findings<'r> {
     pub residual: Residual<'r>,
     /// The vehicle with everything that was found; `None` when nothing was.
     pub extended: Option<Vehicle>,
+    /// Values of the free parameters that were fitted anew.
+    pub refitted: Vec<f64>,
     pub gains: Gains,
 }
 
 impl<'r> Findings<'r> {
     pub fn new(baseline: &'r Baseline<'r>, residual: Residual<'r>) -> Self {
-        let extended = extended(baseline.vehicle(), &residual);
+        let (model, fit) = (&residual.selection.model, &residual.selection.fit);
+        let simulated = if model.free.is_empty() { None } else { output_error(model, fit) };
+        let values = simulated.map_or_else(|| fit.values.clone(), |(values, _)| values);
+        let extended = extended(baseline.vehicle(), &residual, &values);
+        let refitted = values[model.states()..model.base()].to_vec();
         let gains = gains(baseline, &residual);
-        Self { baseline, residual, extended, gains }
+        Self { baseline, residual, extended, refitted, gains }
     }
 }
 
-/// The vehicle with everything that was found.
-fn extended(vehicle: &Vehicle, residual: &Residual<'_>) -> Option<Vehicle> {
-    let (model, fit) = (&residual.selection.model, &residual.selection.fit);
+/// The vehicle with everything that was found, with these values of the model's parameters.
+fn extended(vehicle: &Vehicle, residual: &Residual<'_>, values: &[f64]) -> Option<Vehicle> {
+    let model = &residual.selection.model;
     let mut extended = vehicle.clone();
-    let refitted = if model.free.is_empty() { None } else { output_error(model, fit) };
-    let values = refitted.as_ref().map_or(&fit.values, |f| &f.values);
     for (free, value) in model.free.iter().zip(&values[model.states()..]) {
         extended.set_free(&free.target, *value).ok()?;
     }

@@ -2,6 +2,8 @@
 
 /// Ratios of frequent unit errors: degrees in a radian, m/s^2 in a g, thousandths, km/h in a m/s. Definition.
 pub(crate) const UNIT_RATIOS: [f64; 4] = [180.0 / std::f64::consts::PI, 9.80665, 1000.0, 3.6];
+/// Ratio of a column whose axis points the other way. Definition.
+pub(crate) const OPPOSITE_SIGN: f64 = -1.0;
 /// Largest number of wrong units in one record. Cost.
 pub(crate) const MAX_WRONG_UNITS: usize = 4;
 /// Largest physical factor of a part: parts lose effectiveness, down to zero, or are up to twice as strong.

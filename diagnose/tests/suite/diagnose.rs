@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use whirlstand_diagnose::{Diagnosis, Options, Verdict, diagnose};
 use whirlstand_logs::Record;
-use whirlstand_vehicle::{Effect, Kind, Vehicle, Window};
+use whirlstand_vehicle::{Effect, Free, Kind, Matrix, Target, Vehicle, Window};
 
 use crate::support::{changed, flight, steered_flight, with_gap};
 
@@ -244,6 +244,33 @@ fn says(answer: &Diagnosis, kind: &str, channel: &str) {
     let found = answer.data.iter().any(|d| d.kind == kind && d.place.contains(channel));
     assert!(found, "{kind} of {channel} in {:?}\n{}", answer.data, answer.text());
     assert!(answer.causes.is_empty(), "{}", answer.text());
+}
+
+/// What was fitted beside the causes is told, and the extended vehicle has the causes that the answer names.
+#[test]
+fn parameters_fitted_anew_are_told_and_the_extended_vehicle_is_what_the_answer_says() {
+    let mut given = quadrotor();
+    given.outputs.iter_mut().for_each(|output| output.noise = 0.0);
+    given.free =
+        vec![Free { target: Target::Entry(Matrix::B, 1, 0), lower: -20.0, upper: 20.0, start: None }];
+    let mut truth = with(Kind::InputDelay, "u_roll", &[("delay_s", 0.06)]);
+    truth.b[(1, 0)] *= 0.6;
+    let options = Options { refit: Some(true), ..Options::default() };
+    for seed in 1..=3 {
+        let answer = diagnose(vec![fly(&truth, seed)], &given, &options).unwrap();
+        names(&answer, "input_delay", "u_roll");
+        let [refitted] = &answer.refitted[..] else { panic!("{}", answer.text()) };
+        assert_eq!((refitted.parameter.as_str(), refitted.given), ("B[2,1]", given.b[(1, 0)]));
+        let ratio = refitted.value / refitted.given;
+        assert!((0.55..0.65).contains(&ratio), "{ratio}: {}", answer.text());
+        assert!(answer.text().contains("fitted anew: B[2,1] "), "{}", answer.text());
+        let extended = answer.extended.as_ref().unwrap();
+        assert_eq!(extended.b[(1, 0)], refitted.value);
+        let delay = extended.effects.iter().find(|e| e.kind() == Kind::InputDelay).unwrap();
+        assert_eq!(delay.parameter("delay_s"), Some(answer.causes[0].parameters["delay_s"].value));
+    }
+    let kept = diagnose(vec![fly(&truth, 1)], &given, &Options::default()).unwrap();
+    assert!(kept.refitted.is_empty(), "{}", kept.text());
 }
 
 #[test]

@@ -41,6 +41,26 @@ fn every_ratio_of_units_is_told_on_every_column() {
     }
 }
 
+/// A single column, or an angle with its rate, whose axis points the other way.
+#[test]
+fn a_turned_sign_is_told_on_every_column() {
+    for seed in 0..4 {
+        let record = flight(&quadrotor(), 30.0, &[0.0; 4], 3.0, Some(seed));
+        let alone = OUTPUTS.iter().chain(&INPUTS).map(|name| vec![*name]);
+        for columns in alone.chain([vec!["roll", "roll_rate"], vec!["pitch", "pitch_rate"]]) {
+            let record = scaled(&record, &columns, -1.0);
+            let answer = diagnose(vec![record], &quadrotor(), &Options::default()).unwrap();
+            let told: Vec<(&str, &str)> =
+                answer.data.iter().map(|f| (f.kind.as_str(), f.place.as_str())).collect();
+            assert_eq!(told, [("sign", columns.join(",").as_str())], "{}", answer.text());
+            assert_eq!(answer.verdict, Verdict::Inconclusive, "{}", answer.text());
+            for column in columns {
+                assert!(answer.summary.contains(&format!("--map {column}=-{column}")), "{}", answer.summary);
+            }
+        }
+    }
+}
+
 #[test]
 fn a_wrong_unit_ends_the_diagnosis_and_says_what_to_write() {
     let record = flight(&quadrotor(), 30.0, &[0.0; 4], 3.0, Some(4));

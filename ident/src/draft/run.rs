@@ -14,6 +14,7 @@ use super::compose::{Angle, Axis, Composed, compose};
 use super::error::DraftError;
 use super::flown::Flown;
 use super::mixer::Mixer;
+use super::names::valid_name;
 use super::own_past::{compare, starts, takes_away};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
@@ -221,7 +222,7 @@ fn finish(
     mut left_out: Vec<LeftOut>,
 ) -> Result<Draft, DraftError> {
     let axes: Vec<Axis> = fitted.iter().map(|(_, axis)| axis.clone()).collect();
-    let name = names.vehicle.clone().unwrap_or_else(|| stem(log));
+    let name = vehicle_name(log, names);
     let angles = integrals(record, &name, (&axes, mixer), angles, &mut left_out)?;
     let own: Vec<Angle> = angles.iter().map(|(_, a)| a.clone()).collect();
     let Composed { mut vehicle, origins } = compose(&name, &axes, &own, mixer)?;
@@ -266,11 +267,10 @@ fn finish(
     Ok(draft)
 }
 
-/// Vehicle name from the name of the log.
-fn stem(log: &str) -> String {
-    let stem = Path::new(log).file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
-    let clean: String =
-        stem.chars().map(|c| if c.is_alphanumeric() || "_-.".contains(c) { c } else { '_' }).collect();
+/// Vehicle name from the name of its file, else of the log, without characters that a name may not have.
+fn vehicle_name(log: &str, names: &Names) -> String {
+    let of_log = || Path::new(log).file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let clean = valid_name(&names.vehicle.clone().or_else(of_log).unwrap_or_default());
     if clean.is_empty() { "drafted".into() } else { clean }
 }
 
