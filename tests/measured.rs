@@ -157,9 +157,49 @@ fn the_law_for_a_crazyflie_learns_of_its_motors_lag() -> Outcome {
     Ok(())
 }
 
+/// A stranger's log whose axis points the other way, or whose unit is another one than its column says: told before
+/// anything is searched for, and not of the log as it is.
+fn a_turned_or_rescaled_column_is_told() -> Outcome {
+    let dir = tempfile::tempdir().unwrap();
+    let vehicle = dir.path().join("drafted.toml");
+    let vehicle = vehicle.to_str().unwrap();
+    for (log, input, output, unit) in [
+        ("crazyflie/thrust.csv", "u_thrust", "accel_z", "m/s^2"),
+        ("emps/test.csv", "motor", "position", "mm"),
+        ("trex550/hover.csv", "in_lon", "q", "deg/s"),
+    ] {
+        let log = data()?.join(log);
+        let log = log.to_str().unwrap();
+        let draft = ["--to", "20", "--input", input, "--measure", output, "--output", vehicle];
+        run(["vehicle", "new", log].iter().chain(&draft)).success();
+        let told = |command: &str, map: &str| -> Value {
+            let call = [command, log, "--vehicle", vehicle, "--to", "20", "--map", map, "--json"];
+            serde_json::from_str(&run(call).success().stdout).unwrap()
+        };
+        for (map, kind) in
+            [(format!("{output}=-{output}"), "sign"), (format!("{output}={output}[{unit}]"), "unit")]
+        {
+            let answer = told("diagnose", &map);
+            let data = answer["data"].as_array().unwrap();
+            assert_eq!(data.len(), 1, "{map}: {answer}");
+            assert_eq!(
+                (&data[0]["kind"], &data[0]["where"]),
+                (&kind.into(), &output.into()),
+                "{map}: {answer}"
+            );
+            assert_eq!(answer["verdict"], "inconclusive", "{map}: {answer}");
+        }
+        let untouched = told("compare", &format!("{output}={output}"));
+        let remarks = untouched["remarks"].to_string();
+        assert!(!remarks.contains("points to"), "{log}: {remarks}");
+    }
+    Ok(())
+}
+
 whirlstand_test_harness::listed!(
     a_real_stick_record_drives_the_model_of_another_helicopter,
     the_comparison_shows_what_the_record_holds,
     a_signal_that_the_log_does_not_have_is_answered_with_those_it_has,
     the_law_for_a_crazyflie_learns_of_its_motors_lag,
+    a_turned_or_rescaled_column_is_told,
 );

@@ -78,7 +78,10 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer.outputs = outputs(&findings);
     answer.causes = causes(&findings);
     answer.correlations = correlations(&findings);
-    answer.refitted = refitted(&findings);
+    // Beside columns that are wrong, the fit says nothing.
+    if !answer.data.iter().any(|finding| finding.blocking) {
+        answer.refitted = refitted(&findings);
+    }
     answer.rejected = rejected(&findings, &answer.causes);
     answer.not_testable = experiments::not_testable(&findings, data, vehicle);
     answer.unexplained = remainder::unexplained(&findings, data, vehicle);

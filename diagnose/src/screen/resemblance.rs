@@ -136,7 +136,7 @@ impl Standing {
     fn add(&mut self, channel: &Channel, all: Vec<Sample>, span: Span, from: usize) {
         let late: Vec<Sample> = all.iter().copied().filter(|s| s.step >= from).collect();
         let take = |(better, worse): &mut (bool, bool), gain: f64| {
-            *better |= gain > 0.0;
+            *better |= gain > MIN_HELD_OUT_SIGMAS;
             *worse |= gain < -MIN_HELD_OUT_SIGMAS;
         };
         if let Some(gain) = gain(channel, late, span) {

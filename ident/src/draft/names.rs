@@ -1,10 +1,20 @@
 //! Names of signals: their parts, and names that a vehicle file allows.
 
+use std::path::Path;
+
 /// The last part of a name: `control[0]` of `/fcu/actuator.control[0]`.
 pub fn last_part(name: &str) -> &str {
     let (head, index) = name.split_at(name.find('[').unwrap_or(name.len()));
     let start = head.rfind(['.', '/', ' ']).map_or(0, |at| at + 1);
     if index.is_empty() { &head[start..] } else { &name[start..] }
+}
+
+/// Name of a vehicle from that of its own file, without extension, else of the log; without characters that a name
+/// may not have.
+pub fn model_name(log: &str, file: Option<&str>) -> String {
+    let of_log = || Path::new(log).file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let clean = valid_name(&file.map(String::from).or_else(of_log).unwrap_or_default());
+    if clean.is_empty() { "drafted".into() } else { clean }
 }
 
 /// A name that a vehicle file allows: `control_0` of `control[0]`.
@@ -57,4 +67,18 @@ pub fn split_unit(text: &str) -> (&str, Option<&str>) {
         (!index && !name.is_empty()).then_some((name, unit))
     };
     split().map_or((text, None), |(name, unit)| (name, Some(unit)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::model_name;
+
+    /// A browser saves a second download as `flight (2).ulg`; the name of a vehicle has no brackets.
+    #[test]
+    fn a_vehicle_is_named_after_its_file_without_what_a_name_may_not_have() {
+        assert_eq!(model_name("logs/flight (2).ulg", None), "flight_2");
+        assert_eq!(model_name("flight.ulg", Some("mine 1e+06")), "mine_1e_06");
+        assert_eq!(model_name("flight.v2.ulg", Some("mine.v2")), "mine.v2");
+        assert_eq!(model_name("+.ulg", None), "drafted");
+    }
 }

@@ -14,7 +14,7 @@ use super::compose::{Angle, Axis, Composed, compose};
 use super::error::DraftError;
 use super::flown::Flown;
 use super::mixer::Mixer;
-use super::names::valid_name;
+use super::names::model_name;
 use super::own_past::{compare, starts, takes_away};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
@@ -222,7 +222,7 @@ fn finish(
     mut left_out: Vec<LeftOut>,
 ) -> Result<Draft, DraftError> {
     let axes: Vec<Axis> = fitted.iter().map(|(_, axis)| axis.clone()).collect();
-    let name = vehicle_name(log, names);
+    let name = model_name(log, names.vehicle.as_deref());
     let angles = integrals(record, &name, (&axes, mixer), angles, &mut left_out)?;
     let own: Vec<Angle> = angles.iter().map(|(_, a)| a.clone()).collect();
     let Composed { mut vehicle, origins } = compose(&name, &axes, &own, mixer)?;
@@ -265,13 +265,6 @@ fn finish(
     draft.toml = comments::text(&vehicle, mixer.is_some(), &draft);
     Vehicle::parse(&draft.toml, &draft.vehicle).map_err(whirlstand_vehicle::VehicleError::from)?;
     Ok(draft)
-}
-
-/// Vehicle name from the name of its file, else of the log, without characters that a name may not have.
-fn vehicle_name(log: &str, names: &Names) -> String {
-    let of_log = || Path::new(log).file_stem().map(|stem| stem.to_string_lossy().into_owned());
-    let clean = valid_name(&names.vehicle.clone().or_else(of_log).unwrap_or_default());
-    if clean.is_empty() { "drafted".into() } else { clean }
 }
 
 /// The angles that show the same motion as their rates.
