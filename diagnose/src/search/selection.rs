@@ -71,13 +71,14 @@ impl<'r, 'd> Selection<'r, 'd> {
 
 impl Selection<'_, '_> {
     /// The selection without its causes, refitted; `None` when there are none. Tones are kept, as they are
-    /// credible whatever else there is. `start` are the values without any cause.
+    /// credible whatever else there is. `start` are initial states and free parameters without any cause.
     pub fn without_causes(&self, start: Vec<f64>) -> Option<Self> {
         let tone = |c: &Candidate| c.kind == Kind::Vibration;
         self.model.terms.iter().any(|c| !tone(c)).then_some(())?;
         let mut kept = self.clone();
         kept.keep(tone);
-        kept.fit.values.splice(..start.len(), start);
+        let base = kept.model.base();
+        kept.fit.values.splice(..base, start.into_iter().take(base));
         kept.fit = kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None).ok()?;
         Some(kept)
     }

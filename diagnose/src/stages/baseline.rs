@@ -100,8 +100,8 @@ fn first_fit(checked: &mut Checked<'_>) -> Result<Fit, ModelError> {
     let free_run = FreeRun::new(checked.loaded.vehicle, &checked.data);
     let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
     let fit = model.fit(vec![0.0; free_run.initials()], None, None)?;
-    // With wrong units or sizes, other checks of the channels are meaningless.
-    if checked.found.iter().any(|f| f.kind == "unit" || f.kind == "size") {
+    // With wrong units, signs or sizes, other checks of the channels are meaningless.
+    if checked.found.iter().any(|f| ["unit", "sign", "size"].contains(&f.kind.as_str())) {
         return Ok(fit);
     }
     let mut found = checks::channels(&free_run, &fit.predicted, &fit.residual);

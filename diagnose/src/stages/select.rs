@@ -29,6 +29,8 @@ impl<'r> Selected<'r> {
         } else {
             search(&model, &baseline.space())?
         };
+        // Where the given values are likelier, they are kept from here on.
+        let model = Model { free: selection.model.free, ..model };
         Ok(Self { baseline, model, selection })
     }
 }
