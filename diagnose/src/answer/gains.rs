@@ -197,8 +197,24 @@ fn ahead(following: &Data, model: &Model<'_, '_>, values: &[f64], horizon_s: f64
 /// Values and free run of a fitted model whose initial state and free parameters are fitted again as an
 /// output-error model: where a noise model takes slow residuals for coloured noise, refitted parameters would leave
 /// them in the simulation. The causes keep their values, which the answer gives with their intervals.
+///
+/// `None` where the free run is no better than the mean for most outputs. These then move under disturbances, which a law
+/// opposes: an output-error fit takes its commands for ineffective (Ljung 1999, 13.4).
 pub(crate) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<(Vec<f64>, Vec<f64>)> {
     let data = model.free_run.data;
+    let measured = data.measured();
+    let is_simulated = |(channel, range): (&Channel, Range<usize>)| {
+        let good = |of: &[f64]| -> Vec<f64> {
+            of[range.clone()].iter().zip(&channel.good).filter(|(_, good)| **good).map(|(v, _)| *v).collect()
+        };
+        let (y, left) = (good(&measured), good(&fit.residual));
+        let middle = mean(&y);
+        rms(&left) < rms(&y.iter().map(|v| v - middle).collect::<Vec<_>>())
+    };
+    let simulated = data.channels.iter().zip(data.ranges()).filter(|c| is_simulated(c.clone())).count();
+    if 2 * simulated < data.channels.len() {
+        return None;
+    }
     let channels = 0..data.channels.len();
     let stds: Vec<f64> = channels.map(|c| fit.profile.noise.std(c, data, &fit.residual)).collect();
     let vehicle = model.vehicle(&fit.values).ok()?;
