@@ -242,14 +242,18 @@ fn finding(vehicle: &Vehicle, data: &Data, judged: &[usize], horizons: (usize, u
 /// Channels that show more than the integral of what another one shows, which any vehicle predicts; all channels,
 /// where there are no others. A rate whose derivative nothing measures is no such integral.
 fn judged(vehicle: &Vehicle, data: &Data) -> Vec<usize> {
-    let shows = |channel: &Channel, j: usize| vehicle.c[(channel.output, j)] != 0.0;
-    let is_integral = |channel: &Channel| {
-        let mut shown = (0..vehicle.states.len()).filter(|j| shows(channel, *j));
-        let of = shown.next().and_then(|j| vehicle.kinematic_row(j));
-        of.is_some_and(|(of, _)| data.channels.iter().any(|other| shows(other, of))) && shown.next().is_none()
-    };
-    let forces: Vec<usize> = (0..data.channels.len()).filter(|c| !is_integral(&data.channels[*c])).collect();
-    if forces.is_empty() { (0..data.channels.len()).collect() } else { forces }
+    let all = 0..data.channels.len();
+    let is_integral = |c: usize| all.clone().any(|of| integrates(vehicle, data, (c, of)));
+    let forces: Vec<usize> = all.clone().filter(|c| !is_integral(*c)).collect();
+    if forces.is_empty() { all.collect() } else { forces }
+}
+
+/// True when a channel shows nothing but the integral of a state that the other one shows.
+pub(super) fn integrates(vehicle: &Vehicle, data: &Data, (channel, of): (usize, usize)) -> bool {
+    let shows = |c: usize, state: usize| vehicle.c[(data.channels[c].output, state)] != 0.0;
+    let mut shown = (0..vehicle.states.len()).filter(|state| shows(channel, *state));
+    let derivative = shown.next().and_then(|state| vehicle.kinematic_row(state));
+    derivative.is_some_and(|(state, _)| shows(of, state)) && shown.next().is_none()
 }
 
 /// Horizons up to the default horizon, steps.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
 use super::gain::{self, Columns, Factor, scaled};
-use super::resemblance::foresight;
+use super::resemblance::{foresight, integrates};
 use super::responses::{Responses, linear};
 use crate::answer::schema::{DataFinding, short};
 use crate::data::record::Data;
@@ -176,7 +176,7 @@ fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
         }
     };
     for (angle, rate) in (0..p).flat_map(|a| (0..p).map(move |b| (a, b))) {
-        if is_integral(vehicle, data, (angle, rate)) {
+        if integrates(vehicle, data, (angle, rate)) {
             add(vec![angle.min(rate), angle.max(rate)]);
         }
     }
@@ -188,17 +188,6 @@ fn groups(vehicle: &Vehicle, data: &Data) -> Vec<Vec<usize>> {
     add((0..p).filter(|s| ["rad", "rad/s"].contains(&si(s).as_str())).collect());
     add(inputs);
     groups
-}
-
-/// True when one channel shows nothing but the integral of what the other one shows.
-fn is_integral(vehicle: &Vehicle, data: &Data, (angle, rate): (usize, usize)) -> bool {
-    let shown = |c: usize| {
-        let mut states =
-            (0..vehicle.states.len()).filter(|j| vehicle.c[(data.channels[c].output, *j)] != 0.0);
-        states.next().filter(|_| states.next().is_none())
-    };
-    let of = shown(angle).and_then(|j| vehicle.kinematic_row(j));
-    of.is_some_and(|(of, _)| shown(rate) == Some(of))
 }
 
 /// True when only the unit explains the factor: its interval contains the unit's ratio, and hardly any factor
