@@ -202,16 +202,10 @@ fn ahead(following: &Data, model: &Model<'_, '_>, values: &[f64], horizon_s: f64
 /// opposes: an output-error fit takes its commands for ineffective (Ljung 1999, 13.4).
 pub(crate) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<(Vec<f64>, Vec<f64>)> {
     let data = model.free_run.data;
-    let measured = data.measured();
-    let is_simulated = |(channel, range): (&Channel, Range<usize>)| {
-        let good = |of: &[f64]| -> Vec<f64> {
-            of[range.clone()].iter().zip(&channel.good).filter(|(_, good)| **good).map(|(v, _)| *v).collect()
-        };
-        let (y, left) = (good(&measured), good(&fit.residual));
-        let middle = mean(&y);
-        rms(&left) < rms(&y.iter().map(|v| v - middle).collect::<Vec<_>>())
+    let is_simulated = |(channel, range): &(&Channel, Range<usize>)| {
+        score(channel, &fit.predicted[range.clone()], 0).fit.is_some_and(|fit| fit > 0.0)
     };
-    let simulated = data.channels.iter().zip(data.ranges()).filter(|c| is_simulated(c.clone())).count();
+    let simulated = data.channels.iter().zip(data.ranges()).filter(is_simulated).count();
     if 2 * simulated < data.channels.len() {
         return None;
     }
