@@ -4,6 +4,7 @@ pub mod checks;
 pub mod declared_vibration;
 #[cfg(test)]
 pub mod flown;
+mod held_samples;
 mod join;
 pub mod limits;
 pub mod outliers;

@@ -1,10 +1,9 @@
 //! Predictions of a fitted model over a horizon: a filter follows the record, and the model is simulated from
 //! its state.
 //!
-//! The inputs over the horizon are predicted from the past as well. With the recorded inputs, the best model
-//! of a vehicle in a closed loop would predict worse than no model at all: they contain the response to
-//! future disturbances that the model cannot know. As the model is linear, the expected inputs give the
-//! expected output.
+//! In a closed loop the inputs over the horizon are predicted from the past as well. With the recorded inputs, the best model
+//! of a vehicle would predict worse than no model at all: they contain the response to future disturbances that the model
+//! cannot know. As the model is linear, the expected inputs give the expected output.
 
 use whirlstand_vehicle::Simulator;
 
@@ -14,11 +13,30 @@ use crate::identify::fitted::{Fit, NoiseFit};
 use crate::identify::forces::with_forces;
 use crate::identify::predictor::{Gains, Pattern};
 
-/// Forecasts over the steps that `inputs` predicts for a segment of one input and one output, one from each of `starts`, the last known
-/// steps, NaN where a value is missing; and the innovation of every step. `None` when the filter has no steady state.
+/// The inputs of the future in a forecast.
+pub struct Future<'r> {
+    /// Number of steps.
+    pub steps: usize,
+    /// Expects the inputs; `None` for the recorded ones.
+    pub expected: Option<&'r Regression>,
+}
+
+impl Future<'_> {
+    /// The inputs of the steps after `known`, as far as the segment goes.
+    fn inputs(&self, segment: &Segment, known: usize) -> Option<Vec<f64>> {
+        match self.expected {
+            Some(expected) => Some(expected.predict(segment, known)?.iter().copied().collect()),
+            None => segment.inputs.get(known + 1..=known + self.steps).map(<[f64]>::to_vec),
+        }
+    }
+}
+
+/// Forecasts for a segment of one input and one output, one from each of `starts`, the last known steps, NaN where a value is
+/// missing; and the innovation of every step. The filter begins at the first known output: without process
+/// noise it would hardly find it. `None` when the filter has no steady state.
 pub fn forecasts(
     fit: &Fit,
-    inputs: &Regression,
+    future: &Future<'_>,
     segment: &Segment,
     starts: &[usize],
 ) -> Option<(Vec<f64>, Vec<f64>)> {
@@ -29,6 +47,10 @@ pub fn forecasts(
     let gains = Gains::new(&problem, structure, &pattern, &[], noise, false)?;
     let mut simulator = Simulator::expected(&problem.vehicle, segment.period_s).ok()?;
     simulator.begin_at(segment.first_step);
+    // The first state of every structure is the output.
+    let mut begun = vec![0.0; problem.n()];
+    begun[0] = segment.outputs.iter().copied().find(|y| y.is_finite()).unwrap_or(0.0);
+    simulator.set_state(&begun);
     let mut change = vec![0.0; problem.n()];
     let mut forecasts = Vec::with_capacity(starts.len());
     let mut innovations = Vec::with_capacity(segment.steps);
@@ -40,10 +62,8 @@ pub fn forecasts(
         gains.change(k, &segment.outputs[k..=k], &predicted, None, &mut change);
         simulator.correct(&change);
         if starts.binary_search(&k).is_ok() {
-            let expected = inputs.predict(segment, k);
-            forecasts.push(
-                expected.map_or(f64::NAN, |expected| run_ahead(simulator.clone(), expected.as_slice())),
-            );
+            let inputs = future.inputs(segment, k);
+            forecasts.push(inputs.map_or(f64::NAN, |inputs| run_ahead(simulator.clone(), &inputs)));
         }
     }
     Some((forecasts, innovations))

@@ -4,6 +4,7 @@ use whirlstand_logs::Record;
 use whirlstand_logs::stats::{mean, median, rms};
 use whirlstand_vehicle::{Input, Output, SignalUnit, State, Vehicle};
 
+use super::own_past::lags;
 use crate::identify::{IdentifyError, Segment};
 
 /// Least number of blocks of a record; two of three are fitted, the third is held out.
@@ -36,6 +37,8 @@ pub struct Pair {
     pub output_spread: f64,
     /// Time between two steps, s.
     pub period_s: f64,
+    /// True when the input may react to the output, as in a closed loop.
+    pub reacts: bool,
 }
 
 /// Fewest steps of a record that can be cut.
@@ -105,7 +108,16 @@ impl Pair {
             segment.outputs.iter_mut().for_each(|y| *y -= output_level);
         }
         let period_s = fitted[0].period_s;
-        Ok(Some(Self { fitted, folds, input_level, output_level, input_spread, output_spread, period_s }))
+        Ok(Some(Self {
+            fitted,
+            folds,
+            input_level,
+            output_level,
+            input_spread,
+            output_spread,
+            period_s,
+            reacts: true,
+        }))
     }
 
     /// Held-out segments for validation: the part that is not fitted.
@@ -173,6 +185,11 @@ impl Split {
         }
         split
     }
+}
+
+/// Steps at the start of held-out data in which a filter settles.
+pub fn warm(pair: &Pair, horizon: usize) -> usize {
+    lags(pair.period_s).max(horizon)
 }
 
 /// Prediction horizons, steps. The first has at least four samples of the slower of input and output, so that

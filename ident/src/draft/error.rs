@@ -69,7 +69,7 @@ pub enum DraftError {
     },
     /// Inputs or outputs are sampled too slowly.
     #[error(
-        "{log}: logged too slowly for a model of the motors or of the rates: {signals}. These dynamics settle within about 0.2 s, so a sample at least every {longest_ms:.0} ms is required; the inputs between samples are unknown. Raise the rate of these topics in the logger, or choose faster ones with --input and --measure{unit}"
+        "{log}: logged too slowly for a model of the motors or of the rates: {signals}. Those of a small vehicle settle within about 0.2 s, which requires a sample at least every {longest_ms:.0} ms; fewer suffice only where the signals change little from one to the next and the inputs are seen to act. Raise the rate of these topics in the logger, or choose faster ones with --input and --measure{unit}"
     )]
     TooSlow {
         /// Path of the log.

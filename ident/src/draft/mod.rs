@@ -4,7 +4,7 @@
 //!   their record.
 //! - [`blocks`]: fitted and held-out data; [`own_past`] and [`survey`]: inputs that explain an output better
 //!   than its own past, and refusals.
-//! - [`mixer`]: rotors that act together.
+//! - [`feedback`]: whether an input reacts to an output; [`mixer`]: rotors that act together.
 //! - [`structure`], [`ahead`] and [`select`]: the structure of an axis, fitted by prediction error (Ljung, System
 //!   Identification, 2nd ed., chapters 3 and 7; Jategaonkar, Flight Vehicle System Identification, chapter 5).
 //! - [`compose`], [`comments`], [`answer`] and [`run`]: the vehicle, its file, and the answer.
@@ -15,6 +15,7 @@ mod blocks;
 mod comments;
 mod compose;
 mod error;
+mod feedback;
 mod flown;
 mod mixer;
 mod names;

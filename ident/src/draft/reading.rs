@@ -107,11 +107,22 @@ pub fn interval(record: &Record, chosen: &Chosen) -> Option<f64> {
     median_interval(&changes)
 }
 
-/// The samples of a signal without interpolated ones: of a signal sampled more slowly than the record, only
+/// Sampling interval of an input, s: that of its topic, else of the record. In a table a command that stays the same is held: a
+/// step, or a binary sequence.
+pub fn input_interval(record: &Record, chosen: &Chosen) -> Option<f64> {
+    chosen.interval_s.or_else(|| record.period())
+}
+
+/// The samples of an output without interpolated ones: of a signal sampled more slowly than the record, only
 /// every n-th point, since interpolated values show no noise.
 pub fn own_samples(record: &Record, chosen: &Chosen) -> Vec<f64> {
+    samples(record, chosen, interval(record, chosen))
+}
+
+/// The samples of a signal, `every_s` apart.
+pub fn samples(record: &Record, chosen: &Chosen, every_s: Option<f64>) -> Vec<f64> {
     let step = record.period().unwrap_or(0.0).max(1e-9);
-    let every = interval(record, chosen).map_or(1, |s| (s / step).round().max(1.0) as usize);
+    let every = every_s.map_or(1, |s| (s / step).round().max(1.0) as usize);
     let values = record.get(&chosen.name).map_or(&[][..], |signal| &signal.values);
     values.iter().copied().filter(|v| v.is_finite()).step_by(every).collect()
 }

@@ -20,7 +20,7 @@ use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
 use super::select::{answers_the_input, select};
 use super::structure::{Actuators, Signals, rounded};
-use super::survey::{Link, check_motors, fast_enough, link, moves};
+use super::survey::{Link, check_motors, fast_enough, link, moves, or_too_slow};
 use crate::identify::align::lags;
 use crate::identify::force_fit::{FORCES, WANDERING};
 
@@ -117,7 +117,8 @@ fn from_inputs(
     let (angles, outputs): (Vec<Chosen>, Vec<Chosen>) =
         proposal.outputs.iter().cloned().partition(|o| is_integral(o, &proposal.outputs));
     let mut left_out = Vec::new();
-    let (inputs, outputs) = fast_enough(record, inputs, outputs, &mut left_out)?;
+    let (inputs, outputs) = fast_enough(record, &inputs, &outputs, &mut left_out)?;
+    let refused = |why| or_too_slow(record, &inputs, &outputs, why);
     observe("finding the input that explains each output");
     let mut even = on_even_steps(record, &inputs)?;
     let mixer = Mixer::of(&inputs);
@@ -125,11 +126,11 @@ fn from_inputs(
         even = mixer.mixed(even);
     }
     let steering = mixer.as_ref().map_or(&inputs, |m| &m.patterns);
-    let links = link(&even, record, steering, &outputs, &mut left_out)?;
+    let links = link(&even, record, steering, &outputs, &mut left_out).map_err(refused)?;
     let axes = axes(&even, &links, mixer.is_some(), &mut left_out, observe)?;
     if axes.is_empty() {
         let found = left_out.iter().map(|l| format!("{}: {}", l.output, l.why)).collect::<Vec<_>>();
-        return Err(DraftError::NoStructure { log: log.into(), found: found.join("; ") });
+        return Err(refused(DraftError::NoStructure { log: log.into(), found: found.join("; ") }));
     }
     finish(log, names, flight, (&axes, mixer.as_ref()), &angles, left_out)
 }

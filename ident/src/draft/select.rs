@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
-use super::ahead::forecasts;
-use super::blocks::{HELD_OUT, Pair};
+use super::ahead::{Future, forecasts};
+use super::blocks::{HELD_OUT, Pair, warm};
 use super::error::DraftError;
 use super::own_past::{Ahead, Memory, Regression, compare, lags, starts, takes_away};
 use super::structure::{Signals, Structure};
@@ -73,11 +73,6 @@ fn errors_of_fold(pair: &Pair, fold: usize, horizon: usize, with_input: bool) ->
     Some(if worse { of_mean } else { errors })
 }
 
-/// Steps at the start of held-out data in which a filter settles.
-fn warm(pair: &Pair, horizon: usize) -> usize {
-    lags(pair.period_s).max(horizon)
-}
-
 /// The selected structure with its fit, and the errors of all structures.
 pub type Choice = (Tried, Vec<(Structure, f64)>);
 
@@ -110,6 +105,10 @@ pub fn select(
     });
     let figures = all.iter().map(|t| (t.structure, t.rmse)).collect();
     all.retain(effects_show);
+    // A structure whose own gain it does not determine has too many parameters for the record.
+    if all.iter().any(answers_the_input) {
+        all.retain(answers_the_input);
+    }
     Ok(simplest(all, own_past).map(|found| (found, figures)))
 }
 
@@ -203,7 +202,11 @@ struct Forecasts {
 /// better.
 fn held_out_errors(fit: &Fit, pair: &Pair, horizon: usize) -> Option<(Vec<f64>, Vec<f64>)> {
     let (lags, warm) = (lags(pair.period_s), warm(pair, horizon));
-    let inputs = Regression::fit(&pair.fitted, lags, lags, Ahead::Inputs(horizon))?;
+    let expected = match pair.reacts {
+        true => Some(Regression::fit(&pair.fitted, lags, lags, Ahead::Inputs(horizon))?),
+        false => None,
+    };
+    let inputs = Future { steps: horizon, expected: expected.as_ref() };
     let made = |s: &Segment, from: Vec<usize>| -> Option<Forecasts> {
         let (forecasts, innovations) = forecasts(fit, &inputs, s, &from)?;
         let errors = from.iter().zip(forecasts).map(|(k, forecast)| (*k, s.outputs[k + horizon] - forecast));

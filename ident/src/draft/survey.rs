@@ -3,20 +3,24 @@
 
 use rayon::prelude::*;
 use whirlstand_logs::Record;
-use whirlstand_logs::stats::white_noise_std;
+use whirlstand_logs::stats::{mean, rms, white_noise_std};
 
 use super::answer::LeftOut;
 use super::blocks::{Pair, horizons, least_steps, range};
 use super::error::DraftError;
+use super::feedback::reacts;
 use super::own_past::{Comparison, compare, takes_away};
 use super::proposal::Chosen;
-use super::reading::{interval, own_samples};
+use super::reading::{input_interval, interval, own_samples, samples};
 use super::select::{cross_validated_errors, regression_errors};
 
-/// Longest sampling interval of an input, a rate or an acceleration, s. Such a motion of a small vehicle has
-/// a rise time of some 0.2 s, which needs four to ten samples (Astrom and Wittenmark, Computer-Controlled
-/// Systems, 3rd ed., section 2.9).
+/// Longest sampling interval of an input, a rate or an acceleration, s, whatever it looks like. Such a motion of a small
+/// vehicle has a rise time of some 0.2 s, which needs four to ten samples (Astrom and Wittenmark, Computer-Controlled Systems,
+/// 3rd ed., section 2.9).
 const LONGEST_INTERVAL_S: f64 = 0.05;
+/// Largest error of a signal halfway between its neighbours, as a share of its spread, with which a slower vehicle is known
+/// between its samples: a sine sampled N times a period leaves 1 - cos(2 pi / N), one half for six samples a period.
+const SMOOTH_SHARE: f64 = 0.5;
 /// Time between two rows from which the unit of the times is doubted, s: ten milliseconds told in milliseconds.
 const LEAST_STRANGE_STEP_S: f64 = 10.0;
 /// Standard errors by which the inputs must predict better than the past alone, as several pairs and horizons
@@ -86,32 +90,64 @@ pub fn check_motors(record: &Record, motors: &[Chosen], inputs: &[Chosen]) -> Re
 /// [`DraftError::TooSlow`] when no input or no output is left.
 pub fn fast_enough(
     record: &Record,
-    inputs: Vec<Chosen>,
-    outputs: Vec<Chosen>,
+    inputs: &[Chosen],
+    outputs: &[Chosen],
     left_out: &mut Vec<LeftOut>,
 ) -> Result<(Vec<Chosen>, Vec<Chosen>), DraftError> {
-    let slow = |c: &Chosen| interval(record, c).filter(|s| *s > LONGEST_INTERVAL_S);
-    let text = |c: &Chosen| slow(c).map(|s| format!("{} every {:.0} ms", c.source, 1e3 * s));
-    let signals: Vec<String> = inputs.iter().chain(&outputs).filter_map(text).collect();
-    let (fast_inputs, fast_outputs) = (
-        inputs.into_iter().filter(|c| slow(c).is_none()).collect::<Vec<_>>(),
-        outputs.iter().filter(|c| slow(c).is_none()).cloned().collect::<Vec<_>>(),
-    );
+    let slow = |c: &&Chosen, every_s: Option<f64>| {
+        every_s.is_some_and(|s| s > LONGEST_INTERVAL_S && !is_smooth(&samples(record, c, every_s)))
+    };
+    let fast_inputs: Vec<Chosen> =
+        inputs.iter().filter(|c| !slow(c, input_interval(record, c))).cloned().collect();
+    let (slow_outputs, fast_outputs): (Vec<&Chosen>, Vec<&Chosen>) =
+        outputs.iter().partition(|c| slow(c, interval(record, c)));
     if fast_inputs.is_empty() || fast_outputs.is_empty() {
-        return Err(DraftError::TooSlow {
-            log: record.origin.clone(),
-            signals: signals.join(", "),
-            longest_ms: 1e3 * LONGEST_INTERVAL_S,
-            unit: unit_remark(record),
-        });
+        return Err(too_slow(record, inputs, outputs));
     }
-    for output in &outputs {
-        if let Some(interval) = text(output) {
-            let why = format!("logged too slowly ({interval})");
-            left_out.push(LeftOut { output: output.name.clone(), why });
+    left_out.extend(slow_outputs.into_iter().map(|output| {
+        let text = late(output, interval(record, output)).unwrap_or_default();
+        LeftOut { output: output.name.clone(), why: format!("logged too slowly ({text})") }
+    }));
+    Ok((fast_inputs, fast_outputs.into_iter().cloned().collect()))
+}
+
+/// The refusal of a record of which no input acts: where all inputs or all outputs come late, that is the likely reason.
+pub fn or_too_slow(record: &Record, inputs: &[Chosen], outputs: &[Chosen], why: DraftError) -> DraftError {
+    let late_input = |c: &Chosen| late(c, input_interval(record, c)).is_some();
+    let late_output = |c: &Chosen| late(c, interval(record, c)).is_some();
+    match why {
+        DraftError::Unexplained { .. } | DraftError::NoStructure { .. }
+            if inputs.iter().all(late_input) || outputs.iter().all(late_output) =>
+        {
+            too_slow(record, inputs, outputs)
         }
+        why => why,
     }
-    Ok((fast_inputs, fast_outputs))
+}
+
+/// A signal that comes less often than the motion of a small vehicle requires, as text.
+fn late(chosen: &Chosen, every_s: Option<f64>) -> Option<String> {
+    every_s.filter(|s| *s > LONGEST_INTERVAL_S).map(|s| format!("{} every {:.0} ms", chosen.source, 1e3 * s))
+}
+
+fn too_slow(record: &Record, inputs: &[Chosen], outputs: &[Chosen]) -> DraftError {
+    let inputs = inputs.iter().filter_map(|c| late(c, input_interval(record, c)));
+    let signals: Vec<String> =
+        inputs.chain(outputs.iter().filter_map(|c| late(c, interval(record, c)))).collect();
+    DraftError::TooSlow {
+        log: record.origin.clone(),
+        signals: signals.join(", "),
+        longest_ms: 1e3 * LONGEST_INTERVAL_S,
+        unit: unit_remark(record),
+    }
+}
+
+/// True when a signal lies so near to the middle of its neighbours that it is known between its samples.
+fn is_smooth(values: &[f64]) -> bool {
+    let level = mean(values);
+    let spread = rms(&values.iter().map(|v| v - level).collect::<Vec<_>>());
+    let off: Vec<f64> = values.windows(3).map(|w| w[1] - 0.5 * (w[0] + w[2])).collect();
+    rms(&off) < SMOOTH_SHARE * spread
 }
 
 /// What to do where the rows of a record are so far apart that its times are probably in a smaller unit than seconds.
@@ -197,8 +233,9 @@ fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
 }
 
 fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>, DraftError> {
-    let Some(pair) = Pair::new(record, &input.name, &output.name)? else { return Ok(None) };
-    let slowest = [input, output].iter().filter_map(|c| interval(record, c)).fold(0.0, f64::max);
+    let Some(mut pair) = Pair::new(record, &input.name, &output.name)? else { return Ok(None) };
+    let intervals = [input_interval(record, input), interval(record, output)];
+    let slowest = intervals.into_iter().flatten().fold(0.0, f64::max);
     let compared = horizons(&pair, slowest).into_iter().filter_map(|horizon| {
         let own_past = cross_validated_errors(&pair, horizon, false)?;
         let with_input = cross_validated_errors(&pair, horizon, true)?;
@@ -208,6 +245,7 @@ fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>,
         return Ok(None);
     };
     let Some(own_past) = regression_errors(&pair, horizon, false) else { return Ok(None) };
+    pair.reacts = reacts(&pair, horizon);
     Ok(Some(Link { input: input.clone(), output: output.clone(), pair, horizon, own_past, comparison }))
 }
 
@@ -219,8 +257,8 @@ fn refusal(record: &Record, outputs: &[Chosen], found: Vec<String>) -> DraftErro
     let judged: Vec<&Chosen> = if rates.is_empty() { outputs.iter().collect() } else { rates };
     let still = |output: &&Chosen| -> Option<String> {
         let values = own_samples(record, output);
-        let mean = whirlstand_logs::stats::mean(&values);
-        let spread = whirlstand_logs::stats::rms(&values.iter().map(|v| v - mean).collect::<Vec<_>>());
+        let level = mean(&values);
+        let spread = rms(&values.iter().map(|v| v - level).collect::<Vec<_>>());
         let noise = white_noise_std(&values);
         let least = if turns(output) { REST_RATE } else { 0.0 };
         let text = format!("{} (spread {spread:.2e}, noise {noise:.2e})", output.name);

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use whirlstand_test_harness::noise;
 use whirlstand_vehicle::{Matrix, Simulator, Target, Vehicle};
 
-use super::{Choice, Draft, DraftError, Names, draft};
+use super::{Draft, DraftError, Names, draft};
+
+mod tables;
 
 const PERIOD_S: f64 = 0.01;
 
@@ -232,45 +234,6 @@ fn an_input_that_acts_in_gusts_is_told_from_one_that_does_not() {
     assert!((0.05..0.075).contains(&parameter(&found, "actuator_lag")), "{}", found.text());
     let error = draft(&in_gusts(&dir, false, 51), &Names::default(), (None, None), &|_| ()).unwrap_err();
     assert!(matches!(error, DraftError::Unexplained { .. }), "{error}");
-}
-
-/// A record of two columns, written by `value(k)`.
-fn table(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> (tempfile::TempDir, PathBuf) {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("log.csv");
-    let mut csv = "t,u_roll,p[rad/s]\n".to_string();
-    for k in 0..2000 {
-        let (u, p) = value(k);
-        csv.push_str(&format!("{},{u},{p}\n", k as f64 * period_s));
-    }
-    std::fs::write(&path, csv).unwrap();
-    (dir, path)
-}
-
-fn refusal(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> String {
-    let (_dir, path) = table(value, period_s);
-    draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err().to_string()
-}
-
-#[test]
-fn rest_and_slow_logs_are_refused_with_the_reason() {
-    let (a, b) = (noise(2000, 1), noise(2000, 2));
-    let still = refusal(|k| (0.2, a[k]), 0.01);
-    assert!(still.contains("at rest: no input changes (u_roll)"), "{still}");
-    let quiet = refusal(|k| (b[k], 0.002 * a[k]), 0.01);
-    assert!(quiet.contains("at rest: roll_rate"), "{quiet}");
-    let slow = refusal(|k| (b[k], a[k]), 0.1);
-    assert!(slow.contains("too slowly") && slow.contains("u_roll every 100 ms"), "{slow}");
-    assert!(!slow.contains("--time"), "{slow}");
-    let in_microseconds = refusal(|k| (b[k], a[k]), 10_000.0);
-    assert!(in_microseconds.contains("10000 s apart") && in_microseconds.contains("--time COLUMN[us]"));
-    let (_dir, path) = table(|k| (b[k], a[k]), 0.01);
-    let names =
-        Names { choice: Choice { inputs: vec!["u_rol".into()], outputs: Vec::new() }, ..Names::default() };
-    let error = draft(&path, &names, (None, None), &|_| ()).unwrap_err().to_string();
-    assert!(error.contains("--input u_rol: the log has no signal"), "{error}");
-    let short = draft(&path, &Names::default(), (Some(0.0), Some(1.0)), &|_| ()).unwrap_err().to_string();
-    assert!(short.contains("too short"), "{short}");
 }
 
 /// A freely rotating body (torque over inertia, motors with a lag of 50 ms) with a swinging load below it,

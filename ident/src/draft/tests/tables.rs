@@ -1,0 +1,67 @@
+//! Drafts of tables that a test fills by itself: what is at rest, too slow, or held.
+
+use std::path::PathBuf;
+
+use whirlstand_test_harness::noise;
+
+use super::parameter;
+use crate::draft::{Choice, Names, draft};
+
+/// A record of two columns, written by `value(k)`.
+fn table(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> (tempfile::TempDir, PathBuf) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("log.csv");
+    let mut csv = "t,u_roll,p[rad/s]\n".to_string();
+    for k in 0..2000 {
+        let (u, p) = value(k);
+        csv.push_str(&format!("{},{u},{p}\n", k as f64 * period_s));
+    }
+    std::fs::write(&path, csv).unwrap();
+    (dir, path)
+}
+
+fn refusal(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> String {
+    let (_dir, path) = table(value, period_s);
+    draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err().to_string()
+}
+
+#[test]
+fn rest_and_slow_logs_are_refused_with_the_reason() {
+    let (a, b) = (noise(2000, 1), noise(2000, 2));
+    let still = refusal(|k| (0.2, a[k]), 0.01);
+    assert!(still.contains("at rest: no input changes (u_roll)"), "{still}");
+    let quiet = refusal(|k| (b[k], 0.002 * a[k]), 0.01);
+    assert!(quiet.contains("at rest: roll_rate"), "{quiet}");
+    let slow = refusal(|k| (b[k], a[k]), 0.1);
+    assert!(slow.contains("too slowly") && slow.contains("u_roll every 100 ms"), "{slow}");
+    assert!(!slow.contains("--time"), "{slow}");
+    let in_microseconds = refusal(|k| (b[k], a[k]), 10_000.0);
+    assert!(in_microseconds.contains("10000 s apart") && in_microseconds.contains("--time COLUMN[us]"));
+    let (_dir, path) = table(|k| (b[k], a[k]), 0.01);
+    let names =
+        Names { choice: Choice { inputs: vec!["u_rol".into()], outputs: Vec::new() }, ..Names::default() };
+    let error = draft(&path, &names, (None, None), &|_| ()).unwrap_err().to_string();
+    assert!(error.contains("--input u_rol: the log has no signal"), "{error}");
+    let short = draft(&path, &Names::default(), (Some(0.0), Some(1.0)), &|_| ()).unwrap_err().to_string();
+    assert!(short.contains("too short"), "{short}");
+}
+
+/// A binary sequence is the same in many rows of a table; and ten samples a second suffice for an aeroplane.
+#[test]
+fn held_commands_and_slow_vehicles_are_not_logged_too_slowly() {
+    let (bits, sensor) = (noise(2000, 61), noise(2000, 62));
+    for (pole, hold, period_s) in [(-8.0f64, 7, 0.01), (-0.8, 20, 0.1)] {
+        let (mut rate, decay) = (0.0, (pole * period_s).exp());
+        let rows: Vec<(f64, f64)> = (0..2000)
+            .map(|k| {
+                let (u, shown) = (0.3 * bits[k / hold].signum(), rate + 0.005 * sensor[k]);
+                rate = decay * rate + (1.0 - decay) * 3.0 * u;
+                (u, shown)
+            })
+            .collect();
+        let (_dir, path) = table(|k| rows[k], period_s);
+        let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+        assert!((parameter(&found, "A[1,1]") / pole - 1.0).abs() < 0.1, "{}", found.text());
+        assert!((parameter(&found, "B[1,1]") / (-3.0 * pole) - 1.0).abs() < 0.1, "{}", found.text());
+    }
+}
