@@ -221,7 +221,50 @@ fn what_a_draft_knows_of_its_log_is_kept() -> Outcome {
     Ok(())
 }
 
+/// A measured input goes straight from one sample to the next, and the file says so to whatever reads a record with it.
+fn an_input_between_its_samples_is_the_same_for_every_command() -> Outcome {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let (period_s, fine, sensor) = (0.03, 50, noise(1200, 17));
+    let (mut rate, mut csv) = (0.0, "t,u_roll,p[rad/s]\n".to_string());
+    for (k, noise) in sensor.iter().enumerate() {
+        let t = k as f64 * period_s;
+        let motion = |t: f64| (1.7 * t).sin() + (4.1 * t + 1.0).sin() + (9.3 * t + 2.0).sin();
+        csv.push_str(&format!("{t},{},{}\n", motion(t), rate + 0.02 * noise));
+        for part in 0..fine {
+            let dt = period_s / f64::from(fine);
+            rate += dt * (-4.0 * rate + 12.0 * motion(t + (f64::from(part) + 0.5) * dt));
+        }
+    }
+    std::fs::write(path("log.csv"), csv).unwrap();
+    let text = |input: &str| {
+        format!(
+            "A = [[-5.0]]\nB = [[10.0]]\ninputs = [{{ name = \"u_roll\"{input} }}]\n\
+             outputs = [{{ name = \"p\", unit = \"rad/s\" }}]\nstates = [{{ name = \"p\", unit = \"rad/s\" }}]\n\
+             free = [{{ entry = \"A[1,1]\", lower = -50.0, upper = 1.0 }}, {{ entry = \"B[1,1]\", lower = -99.0, upper = 99.0 }}]\n"
+        )
+    };
+    let pole = |input: &str| {
+        std::fs::write(path("v.toml"), text(input)).unwrap();
+        let call =
+            ["identify", &path("log.csv"), "--vehicle", &path("v.toml"), "--output", &path("fitted.toml")];
+        run(call.into_iter().chain(["--json", &path("fit.json")])).success();
+        let found = json(dir.path().join("fit.json"));
+        let entry = found["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "A[1,1]").unwrap();
+        entry["value"].as_f64().unwrap()
+    };
+    let (held, straight) = (pole(""), pole(", intersample = \"foh\""));
+    assert!((straight + 4.0).abs() < 0.1 && (held + 4.0).abs() > 0.2, "{held} {straight}");
+    let fitted = std::fs::read_to_string(path("fitted.toml")).unwrap();
+    assert!(fitted.contains("intersample = \"foh\""), "{fitted}");
+    let call = ["diagnose", &path("log.csv"), "--vehicle", &path("fitted.toml"), "--json", &path("d.json")];
+    run(call.into_iter().chain(["--out", &path("out")])).success();
+    assert_eq!(json(dir.path().join("d.json"))["verdict"], "consistent");
+    Ok(())
+}
+
 whirlstand_test_harness::listed!(
+    an_input_between_its_samples_is_the_same_for_every_command,
     what_a_draft_knows_of_its_log_is_kept,
     identify_finds_a_draft_again,
     motors_that_are_off_are_refused,

@@ -126,6 +126,12 @@ pub(crate) const TONES_FOLLOWED: usize = 2;
 /// likelihood decides whether it is accepted. Periodogram ordinates are exponential (Priestley 1981, 6.1):
 /// exp(-8) is one of 3000.
 pub(crate) const TONE_POWER_RATIO: f64 = 8.0;
+/// Ratio of an input's power at a frequency to the median around it from which it has a line there. Periodogram ordinates are
+/// exponential (Priestley 1981, 6.1): noise reaches it on one of 1e30 frequencies.
+pub(crate) const INPUT_LINE_RATIO: f64 = 100.0;
+/// Largest amplitude of what a wrong response leaves, as a share of the response: a gain that is off by a third, or a phase by
+/// 30 degrees, leaves half.
+pub(crate) const WRONG_RESPONSE_SHARE: f64 = 0.5;
 /// Times at which a transition is tried. Cost.
 pub(crate) const TRANSITION_TIMES: usize = 24;
 

@@ -44,7 +44,7 @@ pub use effects::{
 pub use error::{EffectError, FileError, SimulatorError, VehicleError};
 pub use free::{ESTIMATED_IN_MOTION, FIT_PERIOD, Free, Provenance, SENSOR_NOISE, Target};
 pub use kinematics::kinematic_row;
-pub use model::{Engine, Input, Output, State, Vehicle, Vibration};
+pub use model::{Engine, Input, Intersample, Output, State, Vehicle, Vibration};
 pub use plausible::check_attitude;
 pub use random::Stream;
 pub use signal_unit::SignalUnit;

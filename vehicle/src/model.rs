@@ -37,9 +37,36 @@ pub struct Input {
     pub upper: f64,
     /// Largest change per second, SI; infinity for none.
     pub rate_limit: f64,
+    /// What the input did between the samples of a record; in a simulation it is held.
+    pub intersample: Intersample,
+}
+
+/// Behaviour of a recorded input between its samples (Ljung, System Identification, 2nd ed., section 13.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Intersample {
+    /// Held, as a command of a digital controller: zero-order hold.
+    #[default]
+    Held,
+    /// Straight from one sample to the next, as a measured position of an actuator: first-order hold.
+    Interpolated,
+}
+
+impl Intersample {
+    /// The name in a vehicle file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Held => "zoh",
+            Self::Interpolated => "foh",
+        }
+    }
 }
 
 impl Input {
+    /// True when the samples of a record are points of a straight line, not the values that were held.
+    pub fn is_straight(&self) -> bool {
+        self.intersample == Intersample::Interpolated
+    }
+
     /// Neutral value, also used in a failsafe: zero, or the limit nearest to it.
     pub fn neutral(&self) -> f64 {
         0f64.max(self.lower).min(self.upper)

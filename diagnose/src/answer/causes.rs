@@ -7,7 +7,7 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
 use super::schema::*;
 use super::{experiments, vibration_source};
-use crate::data::sample_effects::SampleEffect;
+use crate::data::sample_effect::SampleEffect;
 use crate::model::columns::dot;
 use crate::residual::excess_noise::ExcessNoise;
 use crate::residual::narrow_band::{self, NarrowBand};

@@ -9,7 +9,7 @@ use whirlstand_vehicle::{Kind, Vehicle};
 use crate::answer::curves::ends;
 use crate::answer::schema::{Axis, EvidenceCurve};
 use crate::data::record::Data;
-use crate::data::sample_effects::SampleEffect;
+use crate::data::sample_effect::SampleEffect;
 use crate::model::input_reconstruction::{Entry, reconstruct};
 use crate::residual::narrow_band::NarrowBand;
 use crate::residual::turbulence::Turbulence;

@@ -3,6 +3,7 @@
 
 pub mod candidate;
 pub mod events;
+mod excited_lines;
 pub mod library;
 pub mod tones;
 pub mod transitions;

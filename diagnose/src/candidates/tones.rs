@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use whirlstand_linalg::{C64, fft};
 use whirlstand_vehicle::Kind;
 
+use crate::candidates::excited_lines::Explained;
 use crate::candidates::library::{Candidate, Sizes, tone};
 use crate::model::fit::{Fit, Model};
 use crate::model::score_test::ScoreTest;
@@ -29,8 +30,11 @@ pub fn tones(
         .into_par_iter()
         .flat_map_iter(|(channel, range)| {
             let place = &vehicle.outputs[channel.output].name;
-            lines(&rest[range], data.period_s * channel.stride as f64)
+            let step_s = data.period_s * channel.stride as f64;
+            let explained = Explained::new(data, &channel.values, &rest[range.clone()], step_s);
+            lines(&rest[range], step_s)
                 .into_iter()
+                .filter(|(_, f)| !explained.is_response(*f))
                 .map(|(height, f)| {
                     let (amplitude, phase) = sine(score_test, fit, channel.output, f, data);
                     (height, f, tone(Kind::Vibration, place, (f, amplitude, phase), sizes, looks))

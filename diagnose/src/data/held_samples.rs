@@ -7,7 +7,7 @@ use whirlstand_logs::stats::{median, rms};
 use whirlstand_vehicle::Kind;
 
 use crate::data::record::Channel;
-use crate::data::sample_effects::{SAME_VALUE, SampleEffect, longest_run, share_interval};
+use crate::data::sample_effect::{SAME_VALUE, SampleEffect, longest_run, share_interval};
 use crate::thresholds::{
     MIN_HELD_SAMPLES, MIN_LEVELS, NEIGHBOURS, NEW_VALUE_SHARE, OFTEN_SHARE, RARE_REPEAT, SLOW_REPEATS,
 };

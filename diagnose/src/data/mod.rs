@@ -9,4 +9,5 @@ mod join;
 pub mod limits;
 pub mod outliers;
 pub mod record;
+pub mod sample_effect;
 pub mod sample_effects;

@@ -11,7 +11,7 @@ use statrs::distribution::{Continuous, Normal, StudentsT};
 use whirlstand_vehicle::Kind;
 
 use crate::data::record::Data;
-use crate::data::sample_effects::{SampleEffect, longest_run, share_interval};
+use crate::data::sample_effect::{SampleEffect, longest_run, share_interval};
 use crate::model::noise::filtered;
 use whirlstand_ident::identify::ar::Ar;
 use whirlstand_logs::stats::{mad_std, mean, median, rms};

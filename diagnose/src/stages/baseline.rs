@@ -10,7 +10,7 @@ use crate::candidates::transitions::transitions;
 use crate::candidates::{Candidate, Sizes};
 use crate::data::outliers::outliers;
 use crate::data::record::Data;
-use crate::data::sample_effects::SampleEffect;
+use crate::data::sample_effect::SampleEffect;
 use crate::data::{checks, declared_vibration};
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::{FreeRun, ModelError};

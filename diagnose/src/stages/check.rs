@@ -4,7 +4,8 @@ use super::load::Loaded;
 use crate::answer::DataFinding;
 use crate::data::checks;
 use crate::data::record::Data;
-use crate::data::sample_effects::{SampleEffect, measured_effects};
+use crate::data::sample_effect::SampleEffect;
+use crate::data::sample_effects::measured_effects;
 
 /// Records with their bad samples excluded.
 #[derive(Debug, Clone)]

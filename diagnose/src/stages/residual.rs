@@ -3,7 +3,7 @@
 use super::select::Selected;
 use crate::candidates::Candidate;
 use crate::data::outliers::still_wild;
-use crate::data::sample_effects::SampleEffect;
+use crate::data::sample_effect::SampleEffect;
 use crate::model::fit::Fit;
 use crate::residual::credibility::withhold;
 use crate::residual::excess_noise::{ExcessNoise, excess_noise};

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use whirlstand_logs::shown::{number, shown};
+use whirlstand_vehicle::Intersample;
 
 use super::flown::Flown;
 use super::structure::Structure;
@@ -48,6 +49,8 @@ pub struct AxisAnswer {
     pub input: String,
     /// Structure of the axis.
     pub structure: Structure,
+    /// What the input does between its samples: `zoh` (held) or `foh` (straight to the next).
+    pub intersample: &'static str,
     /// The structure in words.
     pub words: String,
     /// Fitted parameters, SI.
@@ -119,6 +122,12 @@ pub struct LeftOut {
 }
 
 impl AxisAnswer {
+    /// The input, with what it does between its samples where it is not held.
+    pub fn driven_by(&self) -> String {
+        let shown = if self.intersample == Intersample::Held.name() { "" } else { " (foh)" };
+        format!("{}{shown}", self.input)
+    }
+
     /// The held-out predictions in a sentence.
     pub fn sentence(&self) -> String {
         let h = &self.heldout;
@@ -163,7 +172,7 @@ impl Draft {
             row("signal", format!("{}{from}  {}", s.name, s.why));
         }
         for axis in &self.axes {
-            row("axis", format!("{} from {}: {}", axis.output, axis.input, axis.words));
+            row("axis", format!("{} from {}: {}", axis.output, axis.driven_by(), axis.words));
             let values: Vec<String> = axis.parameters.iter().map(ParameterAnswer::sentence).collect();
             row("", values.join(", "));
             row("held out", axis.sentence());

@@ -1,8 +1,9 @@
 //! Data of one input and one output, split into fitted and held-out blocks.
 
 use whirlstand_logs::Record;
+use whirlstand_logs::resample::means_over_steps;
 use whirlstand_logs::stats::{mean, median, rms};
-use whirlstand_vehicle::{Input, Output, SignalUnit, State, Vehicle};
+use whirlstand_vehicle::{Input, Intersample, Output, SignalUnit, State, Vehicle};
 
 use super::own_past::lags;
 use crate::identify::{IdentifyError, Segment};
@@ -37,6 +38,8 @@ pub struct Pair {
     pub output_spread: f64,
     /// Time between two steps, s.
     pub period_s: f64,
+    /// What the input is taken to do between its samples.
+    pub intersample: Intersample,
     /// True when the input may react to the output, as in a closed loop.
     pub reacts: bool,
 }
@@ -61,6 +64,7 @@ fn probe(input: &str, output: &str) -> Vehicle {
             lower: f64::NEG_INFINITY,
             upper: f64::INFINITY,
             rate_limit: f64::INFINITY,
+            intersample: Intersample::Held,
         }],
         outputs: vec![Output {
             name: output.into(),
@@ -116,8 +120,18 @@ impl Pair {
             input_spread,
             output_spread,
             period_s,
+            intersample: Intersample::Held,
             reacts: true,
         }))
+    }
+
+    /// The same with an input that goes straight from one sample to the next.
+    pub fn interpolated(&self) -> Self {
+        let mut straight = Self { intersample: Intersample::Interpolated, ..self.clone() };
+        for segment in straight.fitted.iter_mut().chain(straight.folds.iter_mut().flatten()) {
+            segment.inputs = means_over_steps(&segment.inputs);
+        }
+        straight
     }
 
     /// Held-out segments for validation: the part that is not fitted.

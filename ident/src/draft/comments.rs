@@ -25,7 +25,14 @@ pub fn text(vehicle: &Vehicle, rotors: bool, draft: &Draft) -> String {
     above(&mut text, "free = [", &bounds);
     for input in &vehicle.inputs {
         let anchor = format!("[[inputs]]\nname = \"{}\"", input.name);
-        above(&mut text, &anchor, &["Limits: the range of the record plus a margin of a tenth.".to_string()]);
+        let mut lines = vec!["Limits: the range of the record plus a margin of a tenth.".to_string()];
+        if input.is_straight() {
+            lines.push(
+                "Between samples: straight from one to the next (foh), which explains the record better than held values (zoh)."
+                    .into(),
+            );
+        }
+        above(&mut text, &anchor, &lines);
     }
     for output in &vehicle.outputs {
         let anchor = format!("[[outputs]]\nname = \"{}\"", output.name);
@@ -71,7 +78,13 @@ fn model(draft: &Draft) -> Vec<String> {
     )];
     for axis in &draft.axes {
         let values: Vec<String> = axis.parameters.iter().map(ParameterAnswer::sentence).collect();
-        lines.push(format!("  {} from {}, {}: {}", axis.output, axis.input, axis.words, values.join(", ")));
+        lines.push(format!(
+            "  {} from {}, {}: {}",
+            axis.output,
+            axis.driven_by(),
+            axis.words,
+            values.join(", ")
+        ));
     }
     lines.extend(
         draft.angles.iter().map(|angle| format!("  {angle} is the integral of its rate by definition.")),

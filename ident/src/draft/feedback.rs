@@ -13,6 +13,9 @@ use whirlstand_logs::stats::rms;
 /// Standard errors from which an input counts as one that reacts. Low, as a loop that is taken for open costs more than one
 /// that is taken for closed.
 const REACTS_SIGMAS: f64 = 1.0;
+/// Error with which an input's own past predicts it, as a share of its spread, below which nothing is left that could be a
+/// reaction: a sum of sines is known for ever, and the rounding that remains belongs to nobody.
+const KNOWN_SHARE: f64 = 0.01;
 
 /// True when the past of the output helps to predict the input over the horizon, on all parts of the flight, each predicted
 /// from the other two; also where the data do not suffice to tell.
@@ -23,7 +26,10 @@ pub fn reacts(pair: &Pair, horizon: usize) -> bool {
     };
     let (alone, with_output) = (errors(0), errors(lags(pair.period_s)));
     match alone.zip(with_output).and_then(|(alone, with)| compare(&alone, &with)) {
-        Some(comparison) => comparison.sigmas > REACTS_SIGMAS,
+        Some(comparison) => {
+            let is_known = comparison.first.sqrt() < KNOWN_SHARE * pair.input_spread;
+            comparison.sigmas > REACTS_SIGMAS && !is_known
+        }
         None => true,
     }
 }

@@ -4,7 +4,8 @@
 //!   their record.
 //! - [`blocks`]: fitted and held-out data; [`own_past`] and [`survey`]: inputs that explain an output better
 //!   than its own past, and refusals.
-//! - [`feedback`]: whether an input reacts to an output; [`mixer`]: rotors that act together.
+//! - [`feedback`]: whether an input reacts to an output; [`intersample`]: what it does between its samples;
+//!   [`mixer`]: rotors that act together.
 //! - [`structure`], [`ahead`] and [`select`]: the structure of an axis, fitted by prediction error (Ljung, System
 //!   Identification, 2nd ed., chapters 3 and 7; Jategaonkar, Flight Vehicle System Identification, chapter 5).
 //! - [`compose`], [`comments`], [`answer`] and [`run`]: the vehicle, its file, and the answer.
@@ -17,6 +18,7 @@ mod compose;
 mod error;
 mod feedback;
 mod flown;
+mod intersample;
 mod mixer;
 mod names;
 mod own_past;

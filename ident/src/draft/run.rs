@@ -4,7 +4,9 @@ use std::path::Path;
 
 use whirlstand_logs::Record;
 use whirlstand_logs::stats::{rms, white_noise_std};
-use whirlstand_vehicle::{ESTIMATED_IN_MOTION, FIT_PERIOD, Matrix, SENSOR_NOISE, Target, Vehicle};
+use whirlstand_vehicle::{
+    ESTIMATED_IN_MOTION, FIT_PERIOD, Intersample, Matrix, SENSOR_NOISE, Target, Vehicle,
+};
 
 use super::answer::{
     AxisAnswer, DRAFT_SCHEMA, Draft, HeldOut, LeftOut, ParameterAnswer, SignalAnswer, TriedAnswer,
@@ -13,12 +15,13 @@ use super::comments;
 use super::compose::{Angle, Axis, Composed, compose};
 use super::error::DraftError;
 use super::flown::Flown;
+use super::intersample::likelier;
 use super::mixer::Mixer;
 use super::names::model_name;
 use super::own_past::{compare, starts, takes_away};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
-use super::select::{answers_the_input, select};
+use super::select::answers_the_input;
 use super::structure::{Actuators, Signals, rounded};
 use super::survey::{Link, check_motors, fast_enough, link, moves, or_too_slow};
 use crate::identify::align::lags;
@@ -180,9 +183,10 @@ fn axes(
             output_unit: unit(&link.output.name),
             ratio: link.pair.output_spread / link.pair.input_spread.max(f64::MIN_POSITIVE),
             period_s: link.pair.period_s,
+            intersample: Intersample::Held,
             actuators: known,
         };
-        let found = select(&link.pair, &signals, link.horizon, &link.own_past)?;
+        let (pair, found) = likelier(link, &signals)?;
         let better = |errors: &[f64]| compare(&link.own_past, errors).is_some_and(|c| takes_away(&c));
         match found {
             Some((tried, _)) if !answers_the_input(&tried) => left_out.push(LeftOut {
@@ -194,7 +198,7 @@ fn axes(
                 ),
             }),
             Some((tried, all)) if better(&tried.completed) => {
-                axes.push((link.clone(), Axis { pair: link.pair.clone(), tried, all }));
+                axes.push((link.clone(), Axis { pair, tried, all }));
             }
             Some((tried, _)) => left_out.push(LeftOut {
                 output: link.output.name.clone(),
@@ -360,6 +364,7 @@ fn answers(vehicle: &Vehicle, origins: &[(usize, usize)], fitted: &[(Link, Axis)
             output: link.output.name.clone(),
             unit: fit.problem.vehicle.outputs[0].unit.si_symbol(),
             input: link.input.name.clone(),
+            intersample: axis.pair.intersample.name(),
             structure: axis.tried.structure,
             words: axis.tried.structure.words(),
             heldout: held_out(link, axis),

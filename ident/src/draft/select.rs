@@ -169,6 +169,19 @@ fn simplest(mut all: Vec<Tried>, own_past: &[f64]) -> Option<Tried> {
     Some(all.swap_remove(at))
 }
 
+/// A structure fitted to other data of the same signals; `None` when no start converges.
+///
+/// # Errors
+/// As [`select`].
+pub fn refitted(
+    before: &Tried,
+    pair: &Pair,
+    signals: &Signals,
+    horizon: usize,
+) -> Result<Option<Tried>, DraftError> {
+    tried(before.structure, pair, signals, horizon, &[&before.fit])
+}
+
 /// Fits one structure; `None` when no start converges.
 fn tried(
     structure: Structure,

@@ -2,7 +2,9 @@
 
 use nalgebra::DMatrix;
 use serde::Serialize;
-use whirlstand_vehicle::{Effect, Free, Input, Kind, Matrix, Output, SignalUnit, State, Target, Vehicle};
+use whirlstand_vehicle::{
+    Effect, Free, Input, Intersample, Kind, Matrix, Output, SignalUnit, State, Target, Vehicle,
+};
 
 use super::error::DraftError;
 
@@ -43,6 +45,8 @@ pub struct Signals {
     pub ratio: f64,
     /// Time between two steps, s.
     pub period_s: f64,
+    /// What the input does between its samples.
+    pub intersample: Intersample,
     /// Actuator dynamics determined by another axis with the same actuators.
     pub actuators: Option<Actuators>,
 }
@@ -147,6 +151,7 @@ impl Structure {
                 lower: f64::NEG_INFINITY,
                 upper: f64::INFINITY,
                 rate_limit: f64::INFINITY,
+                intersample: signals.intersample,
             }],
             outputs: vec![Output {
                 name: signals.output.clone(),
@@ -263,6 +268,7 @@ mod tests {
             output_unit: "rad/s".parse().unwrap(),
             ratio: 3.0,
             period_s: 0.01,
+            intersample: Intersample::Held,
             actuators: None,
         };
         let all = Structure::all();

@@ -122,7 +122,11 @@ fn read_with(
             None => whirlstand_logs::read(path, &all),
         };
         match read {
-            Ok(record) => return in_units_of(vehicle, flown_by_the_controller(record)?, &given),
+            Ok(record) => {
+                let straight = |name: &str| vehicle.inputs.iter().any(|i| i.name == name && i.is_straight());
+                let record = in_units_of(vehicle, flown_by_the_controller(record)?, &given)?;
+                return Ok(record.with_means_over_steps(straight));
+            }
             Err(error) => {
                 let missing = error.missing_source().map(|missing| missing.name.clone());
                 match own.iter().position(|m| missing.as_ref() == Some(&m.name)) {

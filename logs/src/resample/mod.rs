@@ -76,6 +76,19 @@ impl Record {
 }
 
 impl Record {
+    /// The record with the mean over each step in place of the sample at its start, for signals that go straight from one
+    /// sample to the next. Held over the step it moves a linear system as far as the straight line does, up to a twelfth of
+    /// the change times the ratio of the step to the system's time constant.
+    pub fn with_means_over_steps(mut self, is_straight: impl Fn(&str) -> bool) -> Self {
+        for at in 0..self.signals().len() {
+            if is_straight(&self.signals()[at].name) {
+                let means = means_over_steps(&self.signals()[at].values);
+                self.replace(at, means);
+            }
+        }
+        self
+    }
+
     /// The record with the delays of some signals removed: the new value of `name` at t is its old value at t plus
     /// its delay. NaN where that is beyond the record.
     pub fn without_delays(mut self, delays: &[(String, f64)]) -> Self {
@@ -100,6 +113,16 @@ impl Record {
         }
         self
     }
+}
+
+/// Means of neighbouring samples; a sample whose successor is missing stays.
+pub fn means_over_steps(values: &[f64]) -> Vec<f64> {
+    let next = values.iter().skip(1).chain(values.last());
+    values
+        .iter()
+        .zip(next)
+        .map(|(own, next)| if next.is_finite() { 0.5 * (own + next) } else { *own })
+        .collect()
 }
 
 /// The values of a series at the points of a clock; NaN where it has none.
@@ -174,6 +197,17 @@ mod tests {
         // 17.3 Hz would alias to 2.7 Hz at 20 samples/s.
         let out = onto(&series(1000.0, 10.0, |t| (2.0 * PI * 17.3 * t).sin()), &clock, false);
         assert!(worst(&inner(&out), &shifted, |_| 0.0) < 2e-3);
+    }
+
+    #[test]
+    fn only_signals_that_are_straight_become_means_over_steps() {
+        let mut record = Record::new("x", (0..4).map(f64::from).collect()).unwrap();
+        record.push("held", "", vec![0.0, 1.0, 4.0, 9.0]).unwrap();
+        record.push("straight", "", vec![0.0, 1.0, f64::NAN, 9.0]).unwrap();
+        let record = record.with_means_over_steps(|name| name == "straight");
+        assert_eq!(record.get("held").unwrap().values, [0.0, 1.0, 4.0, 9.0]);
+        let straight = &record.get("straight").unwrap().values;
+        assert!(straight[..2] == [0.5, 1.0] && straight[2].is_nan() && straight[3] == 9.0, "{straight:?}");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use whirlstand_msgs::units::Unit;
 
 use super::table::Table;
 use crate::error::FileError;
-use crate::model::{Input, State};
+use crate::model::{Input, Intersample, State};
 use crate::signal_unit::SignalUnit;
 
 /// An axis: its key, the names of its integral, its rate and its input, and their units.
@@ -71,6 +71,7 @@ pub(super) fn axes(file: &Table<'_>, states: &[State], inputs: &[Input]) -> Resu
                 lower,
                 upper,
                 rate_limit: f64::INFINITY,
+                intersample: Intersample::Held,
             },
         });
     }

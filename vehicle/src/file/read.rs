@@ -10,7 +10,7 @@ use super::copies::{Signal, unconverted};
 use super::table::{Node, Source, Table};
 use crate::effects::{Effect, FieldValue, Kind};
 use crate::error::FileError;
-use crate::model::{Input, Output, State, Vehicle, Vibration};
+use crate::model::{Input, Intersample, Output, State, Vehicle, Vibration};
 use crate::signal_unit::SignalUnit;
 
 const KEYS: &[&str] = &[
@@ -157,7 +157,7 @@ fn states(file: &Table<'_>) -> Result<Vec<State>, FileError> {
 fn inputs(file: &Table<'_>) -> Result<Vec<Input>, FileError> {
     let mut seen = Vec::new();
     let mut read = |node: &Node<'_>| {
-        let table = node.table(&["name", "unit", "lower", "upper", "rate_limit"])?;
+        let table = node.table(&["name", "unit", "lower", "upper", "rate_limit", "intersample"])?;
         let name = unique(&table.requirement("name")?, &mut seen)?;
         let unit = unit(&table)?;
         let limit = |key, default| table.get(key).map_or(Ok(default), |n: Node<'_>| n.quantity(unit.unit()));
@@ -173,7 +173,18 @@ fn inputs(file: &Table<'_>) -> Result<Vec<Input>, FileError> {
         if rate_limit == 0.0 {
             return Err(table.error(Some("rate_limit"), "must be above 0; leave it out for none"));
         }
-        Ok(Input { name, unit, lower, upper, rate_limit })
+        let intersample = match table.get("intersample").map(|node: Node<'_>| node.text()).transpose()? {
+            None | Some("zoh") => Intersample::Held,
+            Some("foh") => Intersample::Interpolated,
+            Some(other) => {
+                let what = format!(
+                    "is \"{other}\": expected \"zoh\" for commands that are held from sample to sample, or \"foh\" for \
+                     measured signals that go straight from one sample to the next"
+                );
+                return Err(table.error(Some("intersample"), what));
+            }
+        };
+        Ok(Input { name, unit, lower, upper, rate_limit, intersample })
     };
     signals(file, "inputs")?.iter().map(&mut read).collect()
 }

@@ -82,6 +82,9 @@ fn push_input(text: &mut String, input: &Input) {
             push(text, &format!("{key} = {}", number(value, input.unit.factor())));
         }
     }
+    if input.is_straight() {
+        push(text, &format!("intersample = {}", quoted(input.intersample.name())));
+    }
 }
 
 fn push_output(text: &mut String, output: &Output) {

@@ -54,6 +54,15 @@ fn the_bound_of_a_state_is_read_in_its_unit_and_written_again() {
 }
 
 #[test]
+fn what_an_input_does_between_its_samples_is_read_and_written_again() {
+    assert!(!Vehicle::parse(GOOD, "cart.toml").unwrap().inputs[0].is_straight());
+    let text = GOOD.replacen("rate_limit = 5", "rate_limit = 5, intersample = \"foh\"", 1);
+    let vehicle = Vehicle::parse(&text, "cart.toml").unwrap();
+    assert!(vehicle.inputs[0].is_straight());
+    assert!(Vehicle::parse(&vehicle.to_toml(), "again.toml").unwrap().inputs[0].is_straight());
+}
+
+#[test]
 fn a_state_beyond_its_bound_is_told_with_its_value() {
     let mut vehicle = Vehicle::parse(GOOD, "cart.toml").unwrap();
     vehicle.states[1].bound = Some(0.5);
@@ -115,6 +124,11 @@ fn errors_name_file_line_field_and_reason() {
         ("{ name = \"rate\"", "{ name = \"angle\"", &["line 9: states[2].name", "given twice"]),
         ("lower = -1", "lower = 3", &["line 11: inputs[1].lower", "must not be above upper"]),
         ("rate_limit = 5", "rate_limit = 0", &["line 11: inputs[1].rate_limit", "above 0"]),
+        (
+            "rate_limit = 5",
+            "intersample = \"linear\"",
+            &["line 11: inputs[1].intersample", "\"linear\"", "expected \"zoh\"", "or \"foh\""],
+        ),
         ("B = [[0.0], [2.0]]", "", &["cart.toml: B is missing"]),
         ("states = [", "statse = [", &["line 7: statse", "did you mean 'states'?"]),
         ("A = [\n", "A = [[\n", &["cart.toml, line", "not valid TOML"]),

@@ -61,7 +61,40 @@ fn held_commands_and_slow_vehicles_are_not_logged_too_slowly() {
             .collect();
         let (_dir, path) = table(|k| rows[k], period_s);
         let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+        assert_eq!(found.axes[0].intersample, "zoh", "{}", found.text());
         assert!((parameter(&found, "A[1,1]") / pole - 1.0).abs() < 0.1, "{}", found.text());
         assert!((parameter(&found, "B[1,1]") / (-3.0 * pole) - 1.0).abs() < 0.1, "{}", found.text());
     }
+}
+
+/// A surface whose position is measured moves on between its samples: taken for held, it would be half a step late.
+#[test]
+fn an_input_that_moves_between_its_samples_is_told() {
+    const FINE: usize = 50;
+    let (period_s, pole, sensor) = (0.02, -8.0f64, noise(2000, 63));
+    let motion = |t: f64| {
+        [(1.7, 0.0), (4.1, 1.0), (9.3, 2.0), (14.9, 3.0)].map(|(w, p)| (w * t + p).sin()).iter().sum::<f64>()
+    };
+    let (mut rate, dt) = (0.0, period_s / FINE as f64);
+    let rows: Vec<(f64, f64)> = (0..2000)
+        .map(|k| {
+            let start = k as f64 * period_s;
+            let row = (motion(start), rate + 0.005 * sensor[k]);
+            for part in 0..FINE {
+                rate += dt * (pole * rate + 24.0 * motion(start + (part as f64 + 0.5) * dt));
+            }
+            row
+        })
+        .collect();
+    let (_dir, path) = table(|k| rows[k], period_s);
+    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    assert_eq!(
+        (found.axes[0].intersample, found.axes[0].words.as_str()),
+        ("foh", "first order"),
+        "{}",
+        found.text()
+    );
+    assert!(found.toml.contains("intersample = \"foh\""), "{}", found.toml);
+    assert!((parameter(&found, "A[1,1]") / pole - 1.0).abs() < 0.05, "{}", found.text());
+    assert!((parameter(&found, "B[1,1]") / 24.0 - 1.0).abs() < 0.05, "{}", found.text());
 }
