@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use sha2::{Digest, Sha256};
 use whirlstand_logs::shown::{counted, number};
 use whirlstand_logs::{
-    BenchInfo, Diff, Ending, IN_CHARGE, InCharge, LogInfo, Mapping, Record, SignalSummary, TopicInfo,
+    BenchInfo, Diff, Ending, IN_CHARGE, InCharge, Kind, LogInfo, Mapping, Record, SignalSummary, TopicInfo,
 };
 use whirlstand_msgs::units::clean;
 use whirlstand_vehicle::Vehicle;
@@ -123,9 +123,8 @@ fn read_with(
         };
         match read {
             Ok(record) => {
-                let straight = |name: &str| vehicle.inputs.iter().any(|i| i.name == name && i.is_straight());
                 let record = in_units_of(vehicle, flown_by_the_controller(record)?, &given)?;
-                return Ok(record.with_means_over_steps(straight));
+                return Ok(between_samples(record, path, vehicle));
             }
             Err(error) => {
                 let missing = error.missing_source().map(|missing| missing.name.clone());
@@ -136,6 +135,21 @@ fn read_with(
             }
         }
     }
+}
+
+/// The record with what the vehicle's inputs did between its samples. In a log of a bench they were held, whatever the vehicle
+/// was drafted from.
+fn between_samples(record: Record, path: &Path, vehicle: &Vehicle) -> Record {
+    let of_bench = || {
+        let is_mcap = whirlstand_logs::kind(path).is_ok_and(|kind| kind == Kind::Mcap);
+        is_mcap && whirlstand_logs::Log::open(path).is_ok_and(|log| log.info().is_some())
+    };
+    let straight: Vec<&str> =
+        vehicle.inputs.iter().filter(|i| i.is_straight()).map(|i| i.name.as_str()).collect();
+    if straight.is_empty() || of_bench() {
+        return record;
+    }
+    record.with_means_over_steps(|name| straight.contains(&name))
 }
 
 /// For a vehicle behind a bridge: the part of the record in which the controller had control, which is also
