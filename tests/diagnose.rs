@@ -40,6 +40,19 @@ fn a_hidden_delay_is_named_and_the_extended_vehicle_flies_the_same() {
         "[[effects]]\neffect = \"input_delay\"\nwhere = \"u_roll\"\ndelay_s = 0.06\n",
     );
     let log = flown(dir, &truth, "measured");
+    // What a bench records was held between its samples, whatever the vehicle says of other records.
+    let straight = quadrotor(dir, "straight.toml", "");
+    let shown = std::fs::read_to_string(&straight).unwrap();
+    let of_input = "name = \"u_roll\", lower";
+    assert!(shown.contains(of_input), "{shown}");
+    let foh = "name = \"u_roll\", intersample = \"foh\", lower";
+    std::fs::write(&straight, shown.replace(of_input, foh)).unwrap();
+    let simulated = |vehicle: &str, name: &str| {
+        let csv = dir.join(name).display().to_string();
+        run(["simulate", vehicle, "--input", &log, "--output", &csv]).success();
+        std::fs::read_to_string(csv).unwrap()
+    };
+    assert_eq!(simulated(&straight, "straight.csv"), simulated("quadrotor", "held.csv"));
     let (answer, text, out) = diagnosed(dir, &log, "quadrotor", "first");
     assert_eq!(answer["schema"], "whirlstand.diagnosis.v1", "{text}");
     assert_eq!(answer["verdict"], "explained", "{text}");

@@ -2,6 +2,9 @@
 
 use crate::answer::schema::{Diagnosis, Refitted, Verdict, short};
 
+/// Most parameters that are shown as fitted anew; JSON and report have all.
+const REFITTED_SHOWN: usize = 4;
+
 impl Diagnosis {
     /// The diagnosis as at most 15 lines of text, without colour.
     pub fn text(&self) -> String {
@@ -23,10 +26,7 @@ impl Diagnosis {
             lines.push(line);
         }
         if !self.refitted.is_empty() {
-            let one =
-                |r: &Refitted| format!("{} {} -> {} {}", r.parameter, short(r.given), short(r.value), r.unit);
-            let all: Vec<String> = self.refitted.iter().map(|r| one(r).trim_end().to_string()).collect();
-            lines.push(format!("fitted anew: {}", all.join(", ")));
+            lines.push(format!("fitted anew: {}", self.refitted_text()));
         }
         if let Some(near) = self.rejected.first() {
             lines.push(format!("  nearest rejected: {} on {}: {}", near.effect, near.place, near.why));
@@ -71,6 +71,24 @@ impl Diagnosis {
         }
         lines.truncate(15);
         lines.join("\n") + "\n"
+    }
+
+    /// The parameters that were fitted anew, as far as their shown values changed, the largest relative change first.
+    fn refitted_text(&self) -> String {
+        let mut moved: Vec<&Refitted> =
+            self.refitted.iter().filter(|r| short(r.given) != short(r.value)).collect();
+        let change = |r: &Refitted| (r.value - r.given).abs() / r.given.abs().max(f64::MIN_POSITIVE);
+        moved.sort_by(|a, b| change(b).total_cmp(&change(a)));
+        moved.truncate(REFITTED_SHOWN);
+        let one =
+            |r: &&Refitted| format!("{} {} -> {} {}", r.parameter, short(r.given), short(r.value), r.unit);
+        let mut all: Vec<String> = moved.iter().map(|r| one(r).trim_end().to_string()).collect();
+        match (all.is_empty(), self.refitted.len() - all.len()) {
+            (true, same) => all.push(format!("{same} free parameters, with the values of the file")),
+            (false, 0) => {}
+            (false, more) => all.push(format!("and {more} that changed less")),
+        }
+        all.join(", ")
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use statrs::distribution::{ChiSquared, Continuous, ContinuousCDF, Normal};
+use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 use whirlstand_logs::stats::{median, rms};
 use whirlstand_vehicle::Kind;
 
@@ -30,7 +30,7 @@ pub fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
     }
     let chance: f64 = by_chance.iter().filter(|p| **p < RARE_REPEAT).sum();
     let often = repeats.len() >= MIN_HELD_SAMPLES && repeats.len() as f64 >= 3.0 * (chance + chance.sqrt());
-    if !often || where_slow(&channel.values, &repeats) < SLOW_REPEATS {
+    if !often || where_slow(&channel.values, &repeats, &by_chance) < SLOW_REPEATS {
         return None;
     }
     for &k in &repeats {
@@ -57,18 +57,13 @@ pub fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
 /// Probability that repeats at the given samples have nothing to do with the motion, against repeats where it is slow: what a
 /// link loses, it loses whatever the sensor measures, while what rests, or is rounded before it is corrected for something
 /// else, repeats where it hardly moves. The change across each stretch of repeats has a rank among all changes over as many
-/// steps, which are equally likely; ranks are combined by Fisher's method (Statistical Methods for Research Workers, 4th ed.,
-/// 1932, section 21.1).
-fn where_slow(values: &[f64], repeats: &[usize]) -> f64 {
-    let stretches: Vec<(usize, usize)> = repeats
-        .chunk_by(|a, b| a + 1 == *b)
-        .map(|run| (run[0] - 1, run[run.len() - 1] + 1))
-        .filter(|(_, after)| *after < values.len())
-        .collect();
+/// steps, and ranks are equally likely; their mean is nearly normal (Wilcoxon, Biometrics 1, 1945). Known rounding repeats
+/// neighbours with the probabilities `by_chance`, which accounts for some of the low ranks.
+fn where_slow(values: &[f64], repeats: &[usize], by_chance: &[f64]) -> f64 {
     let change = |from: usize, steps: usize| (values[from + steps] - values[from]).abs();
     let mut sorted: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-    let mut logarithms = 0.0;
-    for (before, after) in &stretches {
+    // The rank of the change between two samples, from 0 to 1.
+    let mut rank = |before: usize, after: usize| {
         let steps = after - before;
         let all = sorted.entry(steps).or_insert_with(|| {
             let mut all: Vec<f64> =
@@ -76,14 +71,20 @@ fn where_slow(values: &[f64], repeats: &[usize]) -> f64 {
             all.sort_unstable_by(f64::total_cmp);
             all
         });
-        let own = change(*before, steps);
+        let own = change(before, steps);
         let (less, at_most) = (all.partition_point(|c| *c < own), all.partition_point(|c| *c <= own));
-        logarithms += ((less + at_most + 1) as f64 / (2 * all.len() + 2) as f64).ln();
-    }
-    match ChiSquared::new(2.0 * stretches.len() as f64) {
-        Ok(combined) => combined.sf(-2.0 * logarithms),
-        Err(_) => 1.0,
-    }
+        (less + at_most) as f64 / (2 * all.len().max(1)) as f64
+    };
+    let stretches = repeats.chunk_by(|a, b| a + 1 == *b).map(|run| (run[0] - 1, run[run.len() - 1] + 1));
+    let ends = values.len() - 1;
+    let ranks: Vec<f64> =
+        stretches.filter(|(_, after)| *after <= ends).map(|(before, after)| rank(before, after)).collect();
+    let rounding =
+        by_chance.iter().enumerate().filter(|(k, p)| **p > 0.0 && **p < RARE_REPEAT && k + 2 <= ends);
+    let lower: f64 = rounding.map(|(k, p)| p * (0.5 - rank(k, k + 2))).sum();
+    let n = ranks.len() as f64;
+    let sigmas = (ranks.iter().map(|r| r - 0.5).sum::<f64>() + lower) / (n / 12.0).sqrt();
+    if sigmas.is_finite() { Normal::standard().cdf(sigmas) } else { 1.0 }
 }
 
 /// Probability, for every pair of neighbours, that rounding makes them equal. The change within a pair is
@@ -239,7 +240,7 @@ mod tests {
         let mut stream = Stream::new(13, "vane");
         let values: Vec<f64> = (0..800)
             .map(|k| {
-                let moves = if k % 400 < 150 { 40.0 } else { 1.5 };
+                let moves = if k % 400 < 150 { 20.0 } else { 2.5 };
                 let vane = (moves * (k as f64 * 0.1).sin() + 0.4 * stream.normal()).round();
                 vane + 0.001 * (100.0 * (k as f64 * 0.07).sin()).round()
             })

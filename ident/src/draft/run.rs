@@ -21,7 +21,7 @@ use super::names::model_name;
 use super::own_past::{compare, starts, takes_away};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
-use super::select::answers_the_input;
+use super::select::{answers_the_input, select};
 use super::structure::{Actuators, Signals, rounded};
 use super::survey::{Link, check_motors, fast_enough, link, moves, or_too_slow};
 use crate::identify::align::lags;
@@ -186,7 +186,11 @@ fn axes(
             intersample: Intersample::Held,
             actuators: known,
         };
-        let (pair, found) = likelier(link, &signals)?;
+        let (pair, found) = match same_actuators {
+            // Rotors drive several axes, and do the same between samples for each.
+            true => (link.pair.clone(), select(&link.pair, &signals, link.horizon, &link.own_past)?),
+            false => likelier(link, &signals)?,
+        };
         let better = |errors: &[f64]| compare(&link.own_past, errors).is_some_and(|c| takes_away(&c));
         match found {
             Some((tried, _)) if !answers_the_input(&tried) => left_out.push(LeftOut {
