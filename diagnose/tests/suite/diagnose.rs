@@ -289,7 +289,11 @@ fn parameters_fitted_anew_are_told_and_the_extended_vehicle_is_what_the_answer_s
         assert!((0.9..1.1).contains(&ratio), "{refitted:?}: {factor}\n{}", answer.text());
         assert_eq!(extended.free_value(&free.target), refitted.value);
     }
-    assert!(answer.text().contains("fitted anew: A[2,1] "), "{}", answer.text());
+    assert!(
+        answer.text().contains("fitted anew: ") && answer.text().contains("A[2,1] "),
+        "{}",
+        answer.text()
+    );
     let delay = extended.effects.iter().find(|e| e.kind() == Kind::InputDelay).unwrap();
     assert_eq!(delay.parameter("delay_s"), Some(answer.causes[0].parameters["delay_s"].value));
 }
