@@ -18,9 +18,9 @@ pub(crate) const OFTEN_SHARE: f64 = 0.2;
 /// Repeats are counted only where rounding makes fewer than this share of neighbours equal: elsewhere a held
 /// value would be one among many. Fisher's 5 %.
 pub(crate) const RARE_REPEAT: f64 = 0.05;
-/// Probability below which repeats go with a slow motion, and are no lost samples: the usual level of a single test, which
-/// costs one true dropout in a hundred.
-pub(crate) const SLOW_REPEATS: f64 = 0.01;
+/// Probability below which repeats go with a slow motion, and are no lost samples: three standard errors, which cost one true
+/// dropout in a thousand.
+pub(crate) const SLOW_REPEATS: f64 = 0.00135;
 /// Neighbours on each side to which a value is compared. Calibrated.
 pub(crate) const NEIGHBOURS: usize = 4;
 /// Fewest outliers of a channel. Calibrated.
