@@ -203,9 +203,9 @@ fn is_certain(unit: &WrongUnit, factor: &Factor, input: bool, room: f64) -> bool
     let holds = |r: f64| low - room < r.abs().ln() && r.abs().ln() < high + room;
     let alone = !ratios().any(|r| r != unit.ratio && (r < 0.0) == turned && holds(r));
     // An interval as wide as the distance between ratios distinguishes none of them. An effect that the vehicle lacks changes
-    // its gain by any factor of moderate size, so that such a ratio has to be known as well as a gain that is kept.
+    // its gain by any factor of moderate size, but does not turn it: such a ratio has to be known as well as a gain that is kept.
     let least = UNIT_RATIOS.iter().copied().fold(f64::INFINITY, f64::min);
-    let beyond_faults = low.abs().min(high.abs()) > SEARCHED_FACTORS.end().ln();
+    let beyond_faults = turned || low.abs().min(high.abs()) > SEARCHED_FACTORS.end().ln();
     let narrow =
         if beyond_faults { 2.0 * factor.half < least.ln() } else { factor.half < VEHICLE_GAIN_ERROR };
     narrow && holds(unit.ratio) && alone && physical < CHANCE_FACTOR_SHARE * GREATEST_PHYSICAL_FACTOR
