@@ -10,15 +10,20 @@ use super::survey::Link;
 /// two models is strongly preferred (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995: 2 ln B above 6).
 const CLEARLY_LIKELIER: f64 = 3.0;
 
-/// The structures of a link, with an input that is held between its samples, or, where nothing reacts and it makes the record
-/// clearly likelier, with one that goes straight from one to the next; and the data with that input. In a closed loop the next
-/// input also knows the next output, so that the likelihood says nothing about it.
+/// The structures of a link, with an input that is held between its samples, or, where it `may_be_straight`, nothing reacts and it
+/// makes the record clearly likelier, with one that goes straight from one to the next; and the data with that input. In a closed
+/// loop the next input also knows the next output, so that the likelihood says nothing about it; and inputs that were averaged to
+/// longer steps are means over them already.
 ///
 /// # Errors
 /// As [`select`].
-pub fn likelier(link: &Link, signals: &Signals) -> Result<(Pair, Option<Choice>), DraftError> {
+pub fn likelier(
+    link: &Link,
+    signals: &Signals,
+    may_be_straight: bool,
+) -> Result<(Pair, Option<Choice>), DraftError> {
     let held = select(&link.pair, signals, link.horizon, &link.own_past)?;
-    if link.pair.reacts {
+    if link.pair.reacts || !may_be_straight {
         return Ok((link.pair.clone(), held));
     }
     let pair = link.pair.interpolated();

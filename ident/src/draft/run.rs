@@ -21,7 +21,7 @@ use super::names::model_name;
 use super::own_past::{compare, starts, takes_away};
 use super::proposal::{Choice, Chosen, Proposal, propose, rate_of};
 use super::reading::{open, own_samples, read_chosen};
-use super::select::{answers_the_input, select};
+use super::select::answers_the_input;
 use super::structure::{Actuators, Signals, rounded};
 use super::survey::{Link, check_motors, fast_enough, link, moves, or_too_slow};
 use crate::identify::align::lags;
@@ -130,7 +130,8 @@ fn from_inputs(
     }
     let steering = mixer.as_ref().map_or(&inputs, |m| &m.patterns);
     let links = link(&even, record, steering, &outputs, &mut left_out).map_err(refused)?;
-    let axes = axes(&even, &links, mixer.is_some(), &mut left_out, observe)?;
+    let own_steps = even.len() == record.len();
+    let axes = axes(&even, &links, (mixer.is_some(), own_steps), &mut left_out, observe)?;
     if axes.is_empty() {
         let found = left_out.iter().map(|l| format!("{}: {}", l.output, l.why)).collect::<Vec<_>>();
         return Err(refused(DraftError::NoStructure { log: log.into(), found: found.join("; ") }));
@@ -160,7 +161,7 @@ fn on_even_steps(record: &Record, inputs: &[Chosen]) -> Result<Record, DraftErro
 fn axes(
     record: &Record,
     links: &[Link],
-    same_actuators: bool,
+    (same_actuators, own_steps): (bool, bool),
     left_out: &mut Vec<LeftOut>,
     observe: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<(Link, Axis)>, DraftError> {
@@ -186,11 +187,8 @@ fn axes(
             intersample: Intersample::Held,
             actuators: known,
         };
-        let (pair, found) = match same_actuators {
-            // Rotors drive several axes, and do the same between samples for each.
-            true => (link.pair.clone(), select(&link.pair, &signals, link.horizon, &link.own_past)?),
-            false => likelier(link, &signals)?,
-        };
+        // Rotors drive several axes, and do the same between samples for each.
+        let (pair, found) = likelier(link, &signals, own_steps && !same_actuators)?;
         let better = |errors: &[f64]| compare(&link.own_past, errors).is_some_and(|c| takes_away(&c));
         match found {
             Some((tried, _)) if !answers_the_input(&tried) => left_out.push(LeftOut {
