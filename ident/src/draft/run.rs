@@ -144,9 +144,11 @@ fn is_integral(output: &Chosen, outputs: &[Chosen]) -> bool {
     rate_of(&output.name).is_some_and(|rate| outputs.iter().any(|o| o.name == rate))
 }
 
-/// The record resampled to the steps that the fit needs.
+/// The record resampled to the steps that the fit needs, whole multiples of its own: between its samples, a sensor finer
+/// than the bend of a motion over a step would be known worse than it is.
 fn on_even_steps(record: &Record, inputs: &[Chosen]) -> Result<Record, DraftError> {
     let wanted = (record.duration() / MANY_STEPS).clamp(SHORTEST_STEP_S, LONGEST_STEP_S);
+    let wanted = record.period().map_or(wanted, |own| (wanted / own).round().max(1.0) * own);
     if !record.is_finer_than(wanted) {
         return Ok(record.clone());
     }
