@@ -58,9 +58,16 @@ struct Search<'r, 'd, 's> {
     refused: Vec<Refused>,
 }
 
+/// Candidates that are left where others mask them.
+struct Left {
+    library: Vec<Candidate>,
+    events: bool,
+}
+
 impl Search<'_, '_, '_> {
     /// Adds the passing candidate with the largest gain; `false` when there is none. A candidate that the
-    /// record does not determine does not block others: these are tested again without it.
+    /// record does not determine does not block others, and neither does an event that no other part of the record can
+    /// confirm (a touch-down): these are tested again without it.
     fn add(&mut self) -> bool {
         if self.space.watch.is_stopped() {
             return false;
@@ -68,26 +75,26 @@ impl Search<'_, '_, '_> {
         let mut alternatives = self.surveys.survey(&self.model, &self.fit, self.space);
         self.hypotheses = self.hypotheses.max(alternatives.len());
         self.refused = Vec::new();
-        let mut library = self.space.library.to_vec();
+        let mut left = Left { library: self.space.library.to_vec(), events: self.space.events };
         loop {
-            let before = library.len();
-            let best = self.best(alternatives, &mut library);
+            let before = (left.library.len(), left.events);
+            let best = self.best(alternatives, &mut left);
             if let Some(whole) = best.and_then(|best| best.whole(&self.model, &self.fit)) {
                 (self.model, self.fit) = whole;
                 return true;
             }
-            if library.len() == before || self.space.watch.is_stopped() {
+            if (left.library.len(), left.events) == before || self.space.watch.is_stopped() {
                 return false;
             }
-            let space = SearchSpace { library: &library, ..*self.space };
+            let space = SearchSpace { library: &left.library, events: left.events, ..*self.space };
             alternatives = survey(&self.model, &self.fit, &space);
         }
     }
 
     /// The first alternative that passes; all others are refused. Candidates that are not determined and mask
-    /// others leave the library.
-    fn best(&mut self, alternatives: Vec<Alternative>, library: &mut Vec<Candidate>) -> Option<Alternative> {
-        let left = self.hypotheses.saturating_sub(self.model.terms.len()).max(1);
+    /// others leave, as do events that are refused and mask others.
+    fn best(&mut self, alternatives: Vec<Alternative>, left: &mut Left) -> Option<Alternative> {
+        let hypotheses = self.hypotheses.saturating_sub(self.model.terms.len()).max(1);
         let mut overshadowing = f64::NEG_INFINITY;
         let mut best = None;
         for alternative in alternatives {
@@ -95,9 +102,11 @@ impl Search<'_, '_, '_> {
                 self.refuse(alternative, "other candidates explain more".into());
                 continue;
             }
-            let decision = decide(&self.model, &self.fit, &alternative, left);
+            let decision = decide(&self.model, &self.fit, &alternative, hypotheses);
             // A candidate that explains much less than a refused one is not credible either. Exceptions: a
             // gust explains a part of anything, and an undetermined candidate explains nothing for certain.
+            // While one of these is a candidate, others with a smaller gain are not even fitted.
+            let masks = alternative.delta_bic > OVERSHADOWED_BIC;
             if !is_event(&alternative.candidate) && !matches!(decision, Decision::Undetermined(_)) {
                 overshadowing = overshadowing.max(alternative.delta_bic);
             }
@@ -110,12 +119,13 @@ impl Search<'_, '_, '_> {
                     self.refuse(alternative, why);
                 }
                 Decision::Undetermined(why) => {
-                    // While it is in the library, candidates with a smaller gain were not even fitted.
-                    let hides = alternative.delta_bic > OVERSHADOWED_BIC;
-                    library.retain(|c| !hides || c.name() != alternative.candidate.name());
+                    left.library.retain(|c| !masks || c.name() != alternative.candidate.name());
                     self.refuse(alternative, why);
                 }
-                Decision::Refused(why) => self.refuse(alternative, why),
+                Decision::Refused(why) => {
+                    left.events &= !(masks && is_event(&alternative.candidate));
+                    self.refuse(alternative, why);
+                }
             }
         }
         best
@@ -171,11 +181,14 @@ impl Search<'_, '_, '_> {
                 accepted.clear();
                 continue;
             }
-            // An undetermined rival does not explain as much.
+            // An undetermined rival does not explain as much, nor does an event that nothing confirms.
             let determined = |r: &&Rival| {
                 let fitted = in_its_place(&reduced, &rest, &own, r);
-                let decision = fitted.map(|t| decide(&reduced, &rest, &t, self.hypotheses));
-                !matches!(decision, Some(Decision::Undetermined(_)))
+                match fitted.map(|t| decide(&reduced, &rest, &t, self.hypotheses)) {
+                    Some(Decision::Undetermined(_)) => false,
+                    Some(Decision::Refused(_)) => !is_event(&r.candidate),
+                    Some(Decision::Accepted(_)) | None => true,
+                }
             };
             // Of two causes that a short record cannot distinguish, either is named if it is the only cause;
             // beside another cause, a second one is less likely a priori than none.
