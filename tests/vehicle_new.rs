@@ -263,7 +263,34 @@ fn an_input_between_its_samples_is_the_same_for_every_command() -> Outcome {
     Ok(())
 }
 
+/// A program that writes -999 where a sensor gave no value.
+fn numbers_that_stand_for_missing_values_are_told_and_not_used() -> Outcome {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let random = noise(6000, 3);
+    let (mut rate, mut u) = (0.0, 0.0);
+    let mut csv = "t[s],u_roll,roll_rate[deg/s]\n".to_string();
+    for k in 0..6000 {
+        if k % 40 == 0 {
+            u = 20.0 * random[(k + 17) % 6000];
+        }
+        let cell = if k % 97 == 5 { "-999".into() } else { format!("{:.4}", rate + 0.01 * random[k]) };
+        csv += &format!("{:.2},{u:.4},{cell}\n", 0.01 * k as f64);
+        rate += 0.01 * (u - 4.0 * rate);
+    }
+    std::fs::write(path("marked.csv"), csv).unwrap();
+    let told = "roll_rate: 62 values of -999 stand for missing ones and are not used";
+    let draft = run(["vehicle", "new", &path("marked.csv"), "--output", &path("v.toml")]).success();
+    assert!(draft.stdout.contains(told), "{}", draft.stdout);
+    assert!(draft.stdout.contains("roll_rate from u_roll: first order"), "{}", draft.stdout);
+    let diagnosis = run(["diagnose", &path("marked.csv"), "--vehicle", &path("v.toml")]).success();
+    assert!(diagnosis.stderr.contains(told), "{}", diagnosis.stderr);
+    assert!(diagnosis.stdout.contains("Consistent"), "{}", diagnosis.stdout);
+    Ok(())
+}
+
 whirlstand_test_harness::listed!(
+    numbers_that_stand_for_missing_values_are_told_and_not_used,
     an_input_between_its_samples_is_the_same_for_every_command,
     what_a_draft_knows_of_its_log_is_kept,
     identify_finds_a_draft_again,

@@ -6,6 +6,7 @@ use whirlstand_msgs::names::did_you_mean;
 use whirlstand_msgs::units::Unit;
 
 use crate::mapping::{MapError, Mapping, Source, Unreadable, list, resolve};
+use crate::missing_mark::{MissingMark, take_out};
 
 /// A named signal over the time axis of its [`Record`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -33,6 +34,8 @@ pub struct Record {
     signals: Vec<Signal>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     unreadable: Vec<Unreadable>,
+    #[serde(skip)]
+    missing_marks: Vec<MissingMark>,
 }
 
 /// The reason why a requested signal is not available.
@@ -109,6 +112,7 @@ impl Record {
                 whole_from: None,
                 signals: Vec::new(),
                 unreadable: Vec::new(),
+                missing_marks: Vec::new(),
             }),
         }
     }
@@ -199,6 +203,26 @@ impl Record {
         self
     }
 
+    /// Numbers that stood for missing values, which are NaN now.
+    pub fn missing_marks(&self) -> &[MissingMark] {
+        &self.missing_marks
+    }
+
+    /// Adds a signal of a file as [`Record::push`], without the numbers that stand for missing values. `convert` turns a number
+    /// of the file into one of the signal.
+    pub(crate) fn push_read(
+        &mut self,
+        name: String,
+        unit: String,
+        mut values: Vec<f64>,
+        convert: impl Fn(f64) -> f64,
+    ) -> Result<(), RecordError> {
+        if let Some((mark, cells)) = take_out(&mut values, convert) {
+            self.missing_marks.push(MissingMark { name: name.clone(), mark, cells });
+        }
+        self.push(name, unit, values)
+    }
+
     /// Stores the signals of the file that could not be read.
     pub(crate) fn with_unreadable(mut self, unreadable: Vec<Unreadable>) -> Self {
         self.unreadable.extend(unreadable);
@@ -255,6 +279,7 @@ impl Record {
                 .map(|s| Signal { values: s.values[start..end].to_vec(), ..s.clone_head() })
                 .collect(),
             unreadable: self.unreadable.clone(),
+            missing_marks: self.missing_marks.clone(),
         }
     }
 
@@ -274,6 +299,7 @@ impl Record {
                 .map(|s| Signal { values: chosen(&s.values, kept), ..s.clone_head() })
                 .collect(),
             unreadable: self.unreadable.clone(),
+            missing_marks: self.missing_marks.clone(),
         }
     }
 
@@ -286,6 +312,7 @@ impl Record {
         Ok(Self {
             signals,
             unreadable: Vec::new(),
+            missing_marks: self.missing_marks.iter().filter(|m| names.contains(&m.name)).cloned().collect(),
             time: self.time.clone(),
             whole_from: self.whole_from,
             origin: self.origin.clone(),

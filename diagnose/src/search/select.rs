@@ -1,7 +1,9 @@
 //! Stepwise selection of causes: added one by one, exchanged for better ones, removed when the others
 //! suffice.
 
-use crate::thresholds::{FOUND_AGAIN_SHARE, MAX_EXCHANGES, MIN_BIC_GAIN, OVERSHADOWED_BIC, RIDER_SHARE};
+use crate::thresholds::{
+    FOUND_AGAIN_SHARE, MAX_EXCHANGES, MIN_BIC_GAIN, OVERSHADOWED_BIC, RIDER_SHARE, WEAK_CORRELATION,
+};
 use whirlstand_vehicle::Kind;
 
 use crate::candidates::library::Candidate;
@@ -181,12 +183,12 @@ impl Search<'_, '_, '_> {
                 accepted.clear();
                 continue;
             }
-            // An undetermined rival does not explain as much, nor does an event that nothing confirms.
+            // An undetermined rival does not explain as much, and an event that nothing confirms not the same.
             let determined = |r: &&Rival| {
                 let fitted = in_its_place(&reduced, &rest, &own, r);
                 match fitted.map(|t| decide(&reduced, &rest, &t, self.hypotheses)) {
                     Some(Decision::Undetermined(_)) => false,
-                    Some(Decision::Refused(_)) => !is_event(&r.candidate),
+                    Some(Decision::Refused(_)) => !is_event(&r.candidate) || r.kappa > WEAK_CORRELATION,
                     Some(Decision::Accepted(_)) | None => true,
                 }
             };
@@ -343,7 +345,7 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, s
 }
 
 /// True for an effect that happens once (an event).
-fn is_event(candidate: &Candidate) -> bool {
+pub(crate) fn is_event(candidate: &Candidate) -> bool {
     matches!(candidate.kind, Kind::StepDisturbance | Kind::PulseDisturbance)
 }
 

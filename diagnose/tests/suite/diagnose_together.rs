@@ -61,6 +61,8 @@ fn a_bump_at_the_end_hides_no_other_cause() {
     let gain = ["input_gain(u_pitch)", "parameter_change(B[4,2])"];
     let names = named(&answer);
     assert!(names.len() == 1 && gain.contains(&names[0][0].as_str()), "{}", answer.text());
+    assert_eq!(answer.verdict, Verdict::PartlyExplained, "{}", answer.text());
+    assert!(answer.text().contains("a step_disturbance on roll_rate at 25.0 s"), "{}", answer.text());
 }
 
 #[test]

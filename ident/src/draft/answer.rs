@@ -29,6 +29,9 @@ pub struct Draft {
     pub signals: Vec<SignalAnswer>,
     /// Outputs that belong to no axis, each with the reason.
     pub left_out: Vec<LeftOut>,
+    /// Numbers that stand for missing values, as sentences.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub missing_values: Vec<String>,
     /// The part of the log in which the vehicle flies, where that is not all of it.
     pub flown: Option<Flown>,
     /// Path of the vehicle file, if it was written.
@@ -182,6 +185,9 @@ impl Draft {
         }
         for left in &self.left_out {
             row("left out", format!("{}: {}", left.output, left.why));
+        }
+        for missing in &self.missing_values {
+            row("missing", missing.clone());
         }
         if let Some(path) = &self.vehicle_file {
             row("vehicle", path.clone());

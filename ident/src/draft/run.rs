@@ -144,11 +144,10 @@ fn is_integral(output: &Chosen, outputs: &[Chosen]) -> bool {
     rate_of(&output.name).is_some_and(|rate| outputs.iter().any(|o| o.name == rate))
 }
 
-/// The record resampled to the steps that the fit needs, whole multiples of its own: between its samples, a sensor finer
-/// than the bend of a motion over a step would be known worse than it is.
+/// The record resampled to the steps that the fit needs, whole multiples of its own.
 fn on_even_steps(record: &Record, inputs: &[Chosen]) -> Result<Record, DraftError> {
-    let wanted = (record.duration() / MANY_STEPS).clamp(SHORTEST_STEP_S, LONGEST_STEP_S);
-    let wanted = record.period().map_or(wanted, |own| (wanted / own).round().max(1.0) * own);
+    let least = (record.duration() / MANY_STEPS).clamp(SHORTEST_STEP_S, LONGEST_STEP_S);
+    let wanted = record.period().map_or(least, |own| (least / own).round().max(1.0) * own);
     if !record.is_finer_than(wanted) {
         return Ok(record.clone());
     }
@@ -262,6 +261,7 @@ fn finish(
             .map(|c| SignalAnswer { name: c.name.clone(), source: c.source.clone(), why: c.why.clone() })
             .collect(),
         left_out,
+        missing_values: record.missing_marks().iter().map(ToString::to_string).collect(),
         flown,
         vehicle_file: None,
         toml: String::new(),

@@ -49,7 +49,16 @@ pub(crate) fn mappings(map: &[String]) -> Result<Vec<Mapping>, Failure> {
 /// # Errors
 /// What is wrong with the file or a mapping.
 pub(crate) fn read(path: &Path, map: &[String]) -> Result<Record, Failure> {
-    whirlstand_logs::read(path, &mappings(map)?).map_err(Failure::mend)
+    let record = whirlstand_logs::read(path, &mappings(map)?).map_err(Failure::mend)?;
+    tell_missing(&record, |_| true);
+    Ok(record)
+}
+
+/// Prints which numbers of these signals stood for missing values.
+fn tell_missing(record: &Record, is_used: impl Fn(&str) -> bool) {
+    for mark in record.missing_marks().iter().filter(|mark| is_used(&mark.name)) {
+        style::say(&format!("{}: {mark}", record.origin));
+    }
 }
 
 /// SHA-256 of a log: of the contents of all its files in order.
@@ -123,6 +132,10 @@ fn read_with(
         };
         match read {
             Ok(record) => {
+                let is_own = |name: &str| {
+                    vehicle.output_index(name).is_some() || vehicle.inputs.iter().any(|i| i.name == name)
+                };
+                tell_missing(&record, is_own);
                 let record = in_units_of(vehicle, flown_by_the_controller(record)?, &given)?;
                 return Ok(between_samples(record, path, vehicle));
             }

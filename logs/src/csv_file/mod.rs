@@ -138,7 +138,10 @@ impl Columns {
             match error.or_else(|| is_empty.then(empty)) {
                 Some(error) if i < self.mapped => return Err(error),
                 Some(error) => left_out.push(Unreadable { name: column.name, why: error.to_string() }),
-                None => record.push(column.name, column.unit.si_symbol(), signal)?,
+                None => {
+                    let (name, unit) = (column.name.clone(), column.unit.si_symbol());
+                    record.push_read(name, unit, signal, |number| column.convert(number))?;
+                }
             }
         }
         Ok(record.with_unreadable(left_out))
