@@ -7,12 +7,10 @@ use whirlstand_vehicle::Kind;
 use crate::answer::gains::Gain;
 use crate::answer::schema::Cause;
 use crate::candidates::Candidate;
-use crate::search::select::is_event;
-use crate::search::selection::Selection;
 use crate::stages::findings::Findings;
 use crate::thresholds::{
-    AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, OVERSHADOWED_BIC, RIDER_SHARE,
-    UNIT_RATIOS, WORSE_AHEAD_RATIO,
+    AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, RIDER_SHARE, UNIT_RATIOS,
+    WORSE_AHEAD_RATIO,
 };
 
 /// Sentences on what speaks against accepting the causes as the explanation.
@@ -23,7 +21,6 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
         doubts.extend(at_limits(candidate, &selection.fit.values[selection.model.range(term)]));
     }
     doubts.extend(causes.iter().filter_map(unit));
-    doubts.extend(unconfirmed(selection));
     if !causes.is_empty() {
         let (vehicle, data) = (findings.baseline.vehicle(), findings.baseline.data());
         let names = data.channels.iter().map(|c| vehicle.outputs[c.output].name.as_str());
@@ -34,28 +31,6 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
         doubts.extend(next_to_nothing(causes));
     }
     doubts
-}
-
-/// Doubt about causes beside a single event that gains more than each of them, but was refused because no other part of the
-/// record can confirm it.
-fn unconfirmed(selection: &Selection<'_, '_>) -> Option<String> {
-    let gains = selection.accepted.iter().map(|accepted| accepted.evidence.delta_bic);
-    let largest = gains.reduce(f64::max)?;
-    let event = selection.refused.iter().find(|refused| {
-        is_event(&refused.candidate)
-            && refused.values.is_some()
-            && refused.delta_bic > largest.max(OVERSHADOWED_BIC)
-    })?;
-    let at = event.candidate.tunables.iter().position(|tunable| tunable.name == "at_s")?;
-    let values = event.values.as_ref()?;
-    let at_s = values.get(values.len() - event.candidate.tunables.len() + at)?;
-    Some(format!(
-        "a {} on {} at {} s would gain more, {:.0} in BIC, but nothing else in the record confirms it",
-        event.candidate.kind.name(),
-        event.candidate.place,
-        number(*at_s),
-        event.delta_bic
-    ))
 }
 
 /// Doubt about causes that explain next to nothing of what a filter that follows the record leaves.

@@ -192,7 +192,6 @@ mod tests {
         let declared: Vec<f64> = vehicle.outputs.iter().map(|o| o.noise).collect();
         let space = SearchSpace {
             library: &library,
-            events: true,
             sizes: &sizes,
             most: 3,
             declared: &declared,

@@ -37,8 +37,6 @@ impl Alternative {
 pub struct SearchSpace<'s> {
     /// Candidates whose response follows from the inputs.
     pub library: &'s [Candidate],
-    /// True where single events that the residual suggests are candidates too.
-    pub events: bool,
     /// Magnitudes of the record's signals.
     pub sizes: &'s Sizes,
     /// Largest number of causes to name.

@@ -1,9 +1,7 @@
 //! Stepwise selection of causes: added one by one, exchanged for better ones, removed when the others
 //! suffice.
 
-use crate::thresholds::{
-    FOUND_AGAIN_SHARE, MAX_EXCHANGES, MIN_BIC_GAIN, OVERSHADOWED_BIC, RIDER_SHARE, WEAK_CORRELATION,
-};
+use crate::thresholds::{FOUND_AGAIN_SHARE, MAX_EXCHANGES, MIN_BIC_GAIN, OVERSHADOWED_BIC, RIDER_SHARE};
 use whirlstand_vehicle::Kind;
 
 use crate::candidates::library::Candidate;
@@ -60,16 +58,9 @@ struct Search<'r, 'd, 's> {
     refused: Vec<Refused>,
 }
 
-/// Candidates that are left where others mask them.
-struct Left {
-    library: Vec<Candidate>,
-    events: bool,
-}
-
 impl Search<'_, '_, '_> {
     /// Adds the passing candidate with the largest gain; `false` when there is none. A candidate that the
-    /// record does not determine does not block others, and neither does an event that no other part of the record can
-    /// confirm (a touch-down): these are tested again without it.
+    /// record does not determine does not block others: these are tested again without it.
     fn add(&mut self) -> bool {
         if self.space.watch.is_stopped() {
             return false;
@@ -77,26 +68,26 @@ impl Search<'_, '_, '_> {
         let mut alternatives = self.surveys.survey(&self.model, &self.fit, self.space);
         self.hypotheses = self.hypotheses.max(alternatives.len());
         self.refused = Vec::new();
-        let mut left = Left { library: self.space.library.to_vec(), events: self.space.events };
+        let mut library = self.space.library.to_vec();
         loop {
-            let before = (left.library.len(), left.events);
-            let best = self.best(alternatives, &mut left);
+            let before = library.len();
+            let best = self.best(alternatives, &mut library);
             if let Some(whole) = best.and_then(|best| best.whole(&self.model, &self.fit)) {
                 (self.model, self.fit) = whole;
                 return true;
             }
-            if (left.library.len(), left.events) == before || self.space.watch.is_stopped() {
+            if library.len() == before || self.space.watch.is_stopped() {
                 return false;
             }
-            let space = SearchSpace { library: &left.library, events: left.events, ..*self.space };
+            let space = SearchSpace { library: &library, ..*self.space };
             alternatives = survey(&self.model, &self.fit, &space);
         }
     }
 
     /// The first alternative that passes; all others are refused. Candidates that are not determined and mask
-    /// others leave, as do events that are refused and mask others.
-    fn best(&mut self, alternatives: Vec<Alternative>, left: &mut Left) -> Option<Alternative> {
-        let hypotheses = self.hypotheses.saturating_sub(self.model.terms.len()).max(1);
+    /// others leave the library.
+    fn best(&mut self, alternatives: Vec<Alternative>, library: &mut Vec<Candidate>) -> Option<Alternative> {
+        let left = self.hypotheses.saturating_sub(self.model.terms.len()).max(1);
         let mut overshadowing = f64::NEG_INFINITY;
         let mut best = None;
         for alternative in alternatives {
@@ -104,11 +95,9 @@ impl Search<'_, '_, '_> {
                 self.refuse(alternative, "other candidates explain more".into());
                 continue;
             }
-            let decision = decide(&self.model, &self.fit, &alternative, hypotheses);
+            let decision = decide(&self.model, &self.fit, &alternative, left);
             // A candidate that explains much less than a refused one is not credible either. Exceptions: a
             // gust explains a part of anything, and an undetermined candidate explains nothing for certain.
-            // While one of these is a candidate, others with a smaller gain are not even fitted.
-            let masks = alternative.delta_bic > OVERSHADOWED_BIC;
             if !is_event(&alternative.candidate) && !matches!(decision, Decision::Undetermined(_)) {
                 overshadowing = overshadowing.max(alternative.delta_bic);
             }
@@ -121,13 +110,12 @@ impl Search<'_, '_, '_> {
                     self.refuse(alternative, why);
                 }
                 Decision::Undetermined(why) => {
-                    left.library.retain(|c| !masks || c.name() != alternative.candidate.name());
+                    // While it is in the library, candidates with a smaller gain were not even fitted.
+                    let hides = alternative.delta_bic > OVERSHADOWED_BIC;
+                    library.retain(|c| !hides || c.name() != alternative.candidate.name());
                     self.refuse(alternative, why);
                 }
-                Decision::Refused(why) => {
-                    left.events &= !(masks && is_event(&alternative.candidate));
-                    self.refuse(alternative, why);
-                }
+                Decision::Refused(why) => self.refuse(alternative, why),
             }
         }
         best
@@ -183,14 +171,11 @@ impl Search<'_, '_, '_> {
                 accepted.clear();
                 continue;
             }
-            // An undetermined rival does not explain as much, and an event that nothing confirms not the same.
+            // An undetermined rival does not explain as much.
             let determined = |r: &&Rival| {
                 let fitted = in_its_place(&reduced, &rest, &own, r);
-                match fitted.map(|t| decide(&reduced, &rest, &t, self.hypotheses)) {
-                    Some(Decision::Undetermined(_)) => false,
-                    Some(Decision::Refused(_)) => !is_event(&r.candidate) || r.kappa > WEAK_CORRELATION,
-                    Some(Decision::Accepted(_)) | None => true,
-                }
+                let decision = fitted.map(|t| decide(&reduced, &rest, &t, self.hypotheses));
+                !matches!(decision, Some(Decision::Undetermined(_)))
             };
             // Of two causes that a short record cannot distinguish, either is named if it is the only cause;
             // beside another cause, a second one is less likely a priori than none.
@@ -345,7 +330,7 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, s
 }
 
 /// True for an effect that happens once (an event).
-pub(crate) fn is_event(candidate: &Candidate) -> bool {
+fn is_event(candidate: &Candidate) -> bool {
     matches!(candidate.kind, Kind::StepDisturbance | Kind::PulseDisturbance)
 }
 

@@ -80,7 +80,7 @@ fn candidates(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>, noises:
     for noise in noises {
         let score_test = &score_test(model, fit, noise);
         // An event of one of several records cannot be an event of the others.
-        if space.events && model.free_run.data.starts.len() == 1 {
+        if model.free_run.data.starts.len() == 1 {
             candidates.extend(events::events(model, score_test, space.sizes, &responses));
         }
         candidates.extend(tones::tones(model, fit, score_test, space.sizes, &responses));

@@ -78,7 +78,7 @@ impl<'a> Baseline<'a> {
     pub fn space(&self) -> SearchSpace<'_> {
         let (library, sizes, declared) = (&self.library, &self.sizes, &self.declared);
         let watch = &self.checked.loaded.options.watch;
-        SearchSpace { library, events: true, sizes, most: MAX_CAUSES, declared, watch }
+        SearchSpace { library, sizes, most: MAX_CAUSES, declared, watch }
     }
 
     /// The vehicle without any cause over a free run of the data.

@@ -49,22 +49,6 @@ fn a_push_beside_a_gain_hides_neither() {
     );
 }
 
-/// A touch-down, so short that no other part of the record can confirm it.
-#[test]
-fn a_bump_at_the_end_hides_no_other_cause() {
-    let truth = quadrotor(&[
-        (Kind::StepDisturbance, "roll_rate", &[("at_s", 24.95), ("magnitude", 6.0)]),
-        (Kind::InputGain, "u_pitch", &[("factor", 0.97)]),
-    ]);
-    let answer = diagnosis(fly(&truth, 1), &builtin("quadrotor"));
-    // With one input and two outputs of an axis, a gain and its column of B are the same.
-    let gain = ["input_gain(u_pitch)", "parameter_change(B[4,2])"];
-    let names = named(&answer);
-    assert!(names.len() == 1 && gain.contains(&names[0][0].as_str()), "{}", answer.text());
-    assert_eq!(answer.verdict, Verdict::PartlyExplained, "{}", answer.text());
-    assert!(answer.text().contains("a step_disturbance on roll_rate at 25.0 s"), "{}", answer.text());
-}
-
 #[test]
 fn a_transition_beside_a_changed_parameter_hides_neither() {
     let hover = builtin("helicopter-hover");

@@ -5,7 +5,7 @@
 //! of a vehicle would predict worse than no model at all: they contain the response to future disturbances that the model
 //! cannot know. As the model is linear, the expected inputs give the expected output.
 
-use whirlstand_logs::stats::rms;
+use whirlstand_logs::stats::mean;
 use whirlstand_vehicle::Simulator;
 
 use super::own_past::Regression;
@@ -13,9 +13,6 @@ use crate::identify::Segment;
 use crate::identify::fitted::{Fit, NoiseFit};
 use crate::identify::forces::with_forces;
 use crate::identify::predictor::{Gains, Pattern};
-
-/// Shortest time constant that is expected, s.
-const SHORTEST_S: f64 = 0.02;
 
 /// The inputs of the future in a forecast.
 pub struct Future<'r> {
@@ -36,8 +33,8 @@ impl Future<'_> {
 }
 
 /// Forecasts for a segment of one input and one output, one from each of `starts`, the last known steps, NaN where a value is
-/// missing; and the innovation of every step. The filter begins at the first known output and knows nothing of the rest, as
-/// the forces in that part of the flight. `None` when the filter has no covariance.
+/// missing; and the innovation of every step. The filter begins at the first known output, and at the mean of the forces with
+/// which the fitted segments begin: without process noise it would hardly find either. `None` when the filter has no steady state.
 pub fn forecasts(
     fit: &Fit,
     future: &Future<'_>,
@@ -48,16 +45,15 @@ pub fn forecasts(
     let own = fit.frozen();
     let problem = with_forces(&own, structure);
     let pattern = Pattern::of(segment, 1);
-    // A force changes the output by as much as it does within the shortest time constant that a small vehicle has.
-    let size = rms(&segment.outputs.iter().copied().filter(|y| y.is_finite()).collect::<Vec<_>>());
-    let mut spread = vec![size / SHORTEST_S; problem.n()];
-    spread[0] = size;
-    let gains = Gains::from_beginning(&problem, structure, &pattern, noise, (&spread, segment.steps))?;
+    let gains = Gains::new(&problem, structure, &pattern, &[], noise, false)?;
     let mut simulator = Simulator::expected(&problem.vehicle, segment.period_s).ok()?;
     simulator.begin_at(segment.first_step);
     // The first state of every structure is the output.
     let mut begun = vec![0.0; problem.n()];
     begun[0] = segment.outputs.iter().copied().find(|y| y.is_finite()).unwrap_or(0.0);
+    for (state, begun) in begun.iter_mut().enumerate().skip(own.n()) {
+        *begun = mean(&fit.nuisances.iter().filter_map(|n| n.get(state).copied()).collect::<Vec<_>>());
+    }
     simulator.set_state(&begun);
     let mut change = vec![0.0; problem.n()];
     let mut forecasts = Vec::with_capacity(starts.len());

@@ -5,7 +5,7 @@
 //! Vehicle System Identification, AIAA 2015, chapter 5). The steady state of the filter is used; with sensors
 //! of different rates, its periodic steady state with one gain per phase.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use whirlstand_control::{FilterModel, settled_covariance};
 use whirlstand_vehicle::discretise;
@@ -168,23 +168,6 @@ impl Gains {
         Some(Self { noise_parameters: noise.len(), parameters, phases })
     }
 
-    /// Gains of each of the first `steps` steps from a state on that is known with these standard deviations, at fixed
-    /// parameters: those of the steady state find what hardly changes (an offset without process noise) only after ages.
-    pub fn from_beginning(
-        problem: &Problem,
-        structure: &NoiseStructure,
-        pattern: &Pattern,
-        noise: &[f64],
-        (spread, steps): (&[f64], usize),
-    ) -> Option<Self> {
-        let (model, fresh) = filter(problem, structure, pattern, &[], noise)?;
-        let start =
-            DMatrix::from_diagonal(&DVector::from_iterator(spread.len(), spread.iter().map(|s| s * s)));
-        let fresh: Vec<_> = fresh.into_iter().cycle().take(steps).collect();
-        let phases = gains(&model, start, &fresh)?;
-        Some(Self { noise_parameters: noise.len(), parameters: noise.len(), phases })
-    }
-
     /// Number of phases of the periodic steady state.
     pub fn phases(&self) -> usize {
         self.phases.len()
@@ -258,24 +241,6 @@ fn phases(
     theta: &[f64],
     noise: &[f64],
 ) -> Option<Vec<Phase>> {
-    let (model, fresh) = filter(problem, structure, pattern, theta, noise)?;
-    let mask = |outputs: &Vec<(usize, f64)>| outputs.iter().fold(0, |mask, (output, _)| mask | 1 << output);
-    let masks: Vec<u64> = fresh.iter().map(mask).collect();
-    let settled = settled_covariance(&model, &masks)?;
-    gains(&model, settled, &fresh)
-}
-
-/// Fresh outputs of a phase, each with the variance of its measurement noise.
-type Fresh = Vec<(usize, f64)>;
-
-/// The model of the filter, and the fresh outputs of every phase.
-fn filter(
-    problem: &Problem,
-    structure: &NoiseStructure,
-    pattern: &Pattern,
-    theta: &[f64],
-    noise: &[f64],
-) -> Option<(FilterModel, Vec<Fresh>)> {
     let n = problem.n();
     let vehicle = problem.vehicle_at(theta);
     let (phi, g) = discretise(&vehicle.a, &vehicle.b, problem.period_s).ok()?;
@@ -289,12 +254,16 @@ fn filter(
     for (&output, log) in structure.outputs.iter().zip(measuring) {
         variance[output] = (2.0 * log).exp();
     }
-    Some((FilterModel { f: phi, g, h: vehicle.c.clone(), d: vehicle.d.clone(), q, variance }, fresh))
+    let mask = |outputs: &Vec<(usize, f64)>| outputs.iter().fold(0, |mask, (output, _)| mask | 1 << output);
+    let masks: Vec<u64> = fresh.iter().map(mask).collect();
+    let model = FilterModel { f: phi, g, h: vehicle.c.clone(), d: vehicle.d.clone(), q, variance };
+    let settled = settled_covariance(&model, &masks)?;
+    steady_gains(&model, settled, &fresh)
 }
 
 /// Fresh outputs of every phase of the pattern, each with the variance of its measurement noise from
 /// `measuring`, the logarithms of the standard deviations.
-fn fresh_outputs(structure: &NoiseStructure, pattern: &Pattern, measuring: &[f64]) -> Vec<Fresh> {
+fn fresh_outputs(structure: &NoiseStructure, pattern: &Pattern, measuring: &[f64]) -> Vec<Vec<(usize, f64)>> {
     let fresh = |phase: usize| {
         let outputs = structure.outputs.iter().zip(measuring);
         outputs
@@ -305,11 +274,16 @@ fn fresh_outputs(structure: &NoiseStructure, pattern: &Pattern, measuring: &[f64
     (0..pattern.length).map(fresh).collect()
 }
 
-/// Gain and innovation covariance of every phase, by one pass through the pattern from a covariance of the state.
-fn gains(model: &FilterModel, from: DMatrix<f64>, fresh: &[Fresh]) -> Option<Vec<Phase>> {
+/// Gain and innovation covariance of every phase, by one pass through the pattern from the settled
+/// covariance.
+fn steady_gains(
+    model: &FilterModel,
+    settled: DMatrix<f64>,
+    fresh: &[Vec<(usize, f64)>],
+) -> Option<Vec<Phase>> {
     let FilterModel { f: phi, h, q, .. } = model;
     let n = phi.nrows();
-    let mut p = from;
+    let mut p = settled;
     let mut result = Vec::with_capacity(fresh.len());
     for fresh in fresh {
         let c = DMatrix::from_fn(fresh.len(), n, |i, j| h[(fresh[i].0, j)]);

@@ -1,9 +1,15 @@
-//! Resampling to a slower clock by a windowed sinc, without aliasing of frequencies above the new Nyquist frequency.
+//! Resampling to a slower clock, without aliasing of frequencies above the new Nyquist frequency.
+//!
+//! A windowed sinc suppresses aliasing fully and colours white noise slightly. The mean over each period leaves
+//! white noise white and lets a part of the fast content alias. The first is for signals without gaps that are
+//! plotted; the second is for records with missing samples whose noise is evaluated.
 
+use std::borrow::Cow;
 use std::f64::consts::PI;
 
 use super::clock::{Clock, TOLERANCE};
 use super::linear::interpolate;
+use crate::sampling::{median_interval, repeated_every};
 
 /// Edges of the low-pass as shares of the new rate: flat up to the first, 60 dB down from the second on.
 const PASS: f64 = 0.4;
@@ -77,4 +83,72 @@ fn bessel_i0(x: f64) -> f64 {
         }
     }
     sum
+}
+
+/// Mean over one period around each point of a slower clock. Every sample represents one sampling interval around
+/// it and is weighted with the part of that interval inside the period, so that the mean has no time shift where
+/// samples are on the edge. Samples that are NaN are ignored, as are those that only repeat the last value of a
+/// slower sensor, which would delay the mean. NaN where no sample counts.
+pub fn averaged(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
+    let values = &fresh(values)[..];
+    let own = median_interval(time).unwrap_or(clock.period);
+    let reach = 0.5 * (clock.period + own);
+    (0..clock.points)
+        .map(|k| {
+            let t = clock.at(k);
+            let from = time.partition_point(|v| *v <= t - reach);
+            let until = time.partition_point(|v| *v < t + reach);
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for (at, value) in time[from..until].iter().zip(&values[from..until]) {
+                let weight = (reach - (at - t).abs()).min(own);
+                if value.is_finite() && weight > TOLERANCE * own {
+                    sum += weight * value;
+                    weights += weight;
+                }
+            }
+            if weights > 0.0 { sum / weights } else { f64::NAN }
+        })
+        .collect()
+}
+
+/// The values of a slower sensor with repetitions of its last value replaced by NaN: values that change are kept,
+/// and those at whole multiples of its own period after a change.
+fn fresh(values: &[f64]) -> Cow<'_, [f64]> {
+    let Some((first, every)) = repeated_every(values) else { return Cow::Borrowed(values) };
+    let mut changed = first % every;
+    let value = |k: usize| {
+        if k > 0 && values[k] != values[k - 1] {
+            changed = k;
+        }
+        if k.abs_diff(changed).is_multiple_of(every) { values[k] } else { f64::NAN }
+    };
+    Cow::Owned((0..values.len()).map(value).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_average_is_neither_early_nor_late() {
+        let time: Vec<f64> = (0..1000).map(|i| f64::from(i) * 0.01).collect();
+        let line: Vec<f64> = time.iter().map(|t| 3.0 * t).collect();
+        for period in [0.02, 0.03, 0.04, 0.05] {
+            let clock = Clock { start: 0.4, period, points: 100 };
+            for (k, mean) in averaged(&time, &line, &clock).iter().enumerate() {
+                assert!((mean - 3.0 * clock.at(k)).abs() < 1e-9, "{period} {k}: {mean}");
+            }
+        }
+    }
+
+    /// Like a satellite receiver, each value of which is repeated in the record until the next.
+    #[test]
+    fn repeats_of_a_slow_sensor_do_not_make_it_late() {
+        let time: Vec<f64> = (0..1000).map(|i| f64::from(i) * 0.001).collect();
+        let held: Vec<f64> = (0..1000).map(|i| 3.0 * 0.001 * f64::from(i / 10 * 10)).collect();
+        let clock = Clock { start: 0.1, period: 0.01, points: 80 };
+        for (k, mean) in averaged(&time, &held, &clock).iter().enumerate() {
+            assert!((mean - 3.0 * clock.at(k)).abs() < 1e-9, "{k}: {mean}");
+        }
+    }
 }

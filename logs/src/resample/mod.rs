@@ -13,16 +13,15 @@
 //! [`onto`] does all this for a signal with a clock of its own, and [`resample`] for many. [`held`], [`interpolated`] and
 //! [`averaged`] are for the columns of a record, where a NaN says that a sensor gave no fresh value.
 
-mod average;
 mod clock;
 mod hold;
 mod linear;
 mod low_pass;
 
-pub use average::averaged;
 pub use clock::{Clock, ClockError};
 pub use hold::held;
 pub use linear::interpolated;
+pub use low_pass::averaged;
 
 use std::ops::Range;
 

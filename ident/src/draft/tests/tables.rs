@@ -46,6 +46,26 @@ fn rest_and_slow_logs_are_refused_with_the_reason() {
     assert!(short.contains("too short"), "{short}");
 }
 
+/// Without any force, the true model has no process noise either: its filter has to find by itself what the means of a finite
+/// record leave as an offset. A model with a lag, whose noise follows any offset, is no better for that.
+#[test]
+fn a_quiet_record_has_no_lag_that_does_not_exist() {
+    let (stick, sensor) = (noise(2000, 71), noise(2000, 72));
+    let (mut rate, decay) = (0.0, (-4.0f64 * 0.01).exp());
+    let rows: Vec<(f64, f64)> = (0..2000)
+        .map(|k| {
+            let (u, shown) = (stick[k / 40], rate + 0.0005 * sensor[k]);
+            rate = decay * rate + (1.0 - decay) * u;
+            (u, shown)
+        })
+        .collect();
+    let (_dir, path) = table(|k| rows[k], 0.01);
+    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    assert_eq!(found.axes[0].words, "first order", "{}", found.text());
+    let (pole, gain) = (parameter(&found, "A[1,1]"), parameter(&found, "B[1,1]"));
+    assert!((pole + 4.0).abs() < 0.02 && (gain - 4.0).abs() < 0.02, "{}", found.text());
+}
+
 /// A binary sequence is the same in many rows of a table; and ten samples a second suffice for an aeroplane.
 #[test]
 fn held_commands_and_slow_vehicles_are_not_logged_too_slowly() {
