@@ -46,8 +46,8 @@ fn rest_and_slow_logs_are_refused_with_the_reason() {
     assert!(short.contains("too short"), "{short}");
 }
 
-/// Without any force, the true model has no process noise either: its filter has to find by itself what the means of a finite
-/// record leave as an offset. A model with a lag, whose noise follows any offset, is no better for that.
+/// Without any force, the true model has no process noise either: its filter would never find the offset that the means of a
+/// finite record leave. A model with a lag, whose noise follows any offset, is no better for that.
 #[test]
 fn a_quiet_record_has_no_lag_that_does_not_exist() {
     let (stick, sensor) = (noise(2000, 71), noise(2000, 72));
