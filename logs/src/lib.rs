@@ -30,6 +30,7 @@ pub mod panels;
 pub mod read;
 mod read_error;
 pub mod record;
+mod record_error;
 pub mod resample;
 pub mod sampling;
 pub mod segments;
