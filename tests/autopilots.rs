@@ -132,6 +132,14 @@ fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() -> Outcome {
     Ok(())
 }
 
+fn a_check_on_a_busy_computer_tilts_again_what_it_did_not_see() -> Outcome {
+    // The stand-in stands still in its first tilt, is disarmed for that, and is armed again.
+    let (code, said) = check_of_armed_betaflight(&["--yaw", "0.5", "--stopped", "2.5"])?;
+    assert_eq!(code, 0, "{said}");
+    assert_eq!(said.matches("they push back").count(), 6, "{said}");
+    Ok(())
+}
+
 fn px4(options: &[&str], rest: &[&str]) -> Result<Flight, Missing> {
     let port = free_tcp();
     let mut arguments = vec![port.to_string(), "REPORT".into()];
@@ -369,6 +377,7 @@ whirlstand_test_harness::listed!(
     the_check_says_which_axis_px4_has_turned,
     the_check_says_which_axis_ardupilot_has_turned,
     the_check_arms_betaflight_when_asked_to_and_sees_it_push_back,
+    a_check_on_a_busy_computer_tilts_again_what_it_did_not_see,
     px4s_side_of_mavlink_hil_flies_in_lockstep,
     px4s_side_of_mavlink_hil_flies_freely_at_500_hz,
     an_autopilot_that_connects_again_is_told_and_the_plant_is_in_failsafe_meanwhile,

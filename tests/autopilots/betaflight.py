@@ -1,17 +1,22 @@
 """A stand-in for Betaflight's software-in-the-loop build, strict about pace, layout and arming.
 
     betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT] [--blocked FLAGS] [--no-switch] [--deaf]
+                  [--stopped SECONDS]
 
 Its clock runs at the ratio of told to wall time between the last two states, as Betaflight's does; it arms after its boot grace on AUX 1 going
 from low to high at low throttle. `--msp`: tells its attitude there, over TCP, and
 its arming flags; `--blocked`: with these it is never armed. `--no-switch`: fresh settings, in which no switch arms it.
+`--stopped`: a second after it is first armed, the whole process stands still for this time, as on a busy computer.
 """
 
 import argparse
 import math
+import os
 import select
+import signal
 import socket
 import struct
+import subprocess
 import threading
 import time
 
@@ -56,6 +61,12 @@ def answer(command, attitude, blocked, switch):
     return b"$M>" + body + bytes([check])
 
 
+def stand_still(seconds):
+    """Stops this process with all its threads."""
+    subprocess.Popen(["sh", "-c", f"sleep {seconds}; kill -CONT {os.getpid()}"])
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+
 def main():
     parser = argparse.ArgumentParser()
     for port in ("raw", "motors", "state", "channels"):
@@ -66,6 +77,7 @@ def main():
     parser.add_argument("--blocked", type=lambda text: int(text, 0), default=0)
     parser.add_argument("--no-switch", action="store_true")
     parser.add_argument("--yaw", type=float, default=0.0, help="demand per yaw rate, s/rad")
+    parser.add_argument("--stopped", type=float, default=0.0)
     args = parser.parse_args()
     report = flight.Report(args.report)
     report["disarmed"] = False
@@ -102,6 +114,9 @@ def main():
                 report.demand(grace_over and seen_low and throttle <= 1050, "armed too early or with throttle up")
                 armed = grace_over and seen_low and throttle <= 1050
                 report["armed_at"] = now - began if began else None
+            if args.stopped and armed and now - began - report["armed_at"] > 1.0:
+                stand_still(args.stopped)
+                args.stopped, now = 0.0, time.monotonic()
             if armed and aux < 1300:
                 armed = False
                 report["disarmed"] = True

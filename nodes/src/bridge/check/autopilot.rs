@@ -5,6 +5,8 @@
 //! magnetic field are checked through the autopilot's own estimator. The autopilot stays disarmed; with `arm`
 //! its outputs must counteract the tilts as well.
 
+mod manoeuvre;
+
 use std::time::{Duration, Instant};
 
 use whirlstand_bridge::attitude_receiver::{AttitudeReceiver, TelemetryProtocol};
@@ -20,9 +22,9 @@ use super::super::hil::constant::constant_sensors;
 use super::super::hil::links::Links;
 use super::super::hil::state::Flight;
 use super::super::link::{Address, BUFFER, Link, wait_for_bytes};
-use super::reaction::{self, Demands};
+use super::reaction::Demands;
 use super::telemetry::Telemetry;
-use super::tilt::{self, AXES, RAMP, TILT};
+use super::tilt::AXES;
 use super::{CheckOptions, Finding};
 use crate::config::NodeConfig;
 use crate::error::NodeError;
@@ -30,9 +32,6 @@ use crate::setup::Setup;
 
 /// Largest age of a reported attitude.
 const AGE: Duration = Duration::from_millis(500);
-
-/// Time after a tilt until it is evaluated: settling time of the autopilot's estimator and its telemetry.
-const SETTLE: Duration = Duration::from_millis(1500);
 
 /// Time without any attitude after which the telemetry is connected again.
 const SILENCE: Duration = Duration::from_secs(5);
@@ -71,6 +70,11 @@ struct Check<'a> {
     sensed_at: Instant,
     /// Time of the simulated sensors.
     sensor_time: Duration,
+    /// Longest time between two readings of a free-running autopilot's sensors since it was last set to zero.
+    pause: Duration,
+    /// True when there were no fresh outputs, and none of an armed autopilot, since this was last set to false.
+    silent: bool,
+    disarmed: bool,
     say: &'a mut dyn FnMut(Finding),
 }
 
@@ -129,6 +133,9 @@ pub fn check_autopilot(
         due: now,
         sensed_at: now,
         sensor_time: Duration::ZERO,
+        pause: Duration::ZERO,
+        silent: false,
+        disarmed: false,
         say,
     };
     if let Some(text) = constant_sensors(autopilot.kind, &check.model, Errors::default) {
@@ -149,7 +156,7 @@ pub fn check_autopilot(
     let armed = options.arm && has_motors && check.arm(options);
     for axis in 0..AXES.len() {
         if leveled || armed {
-            check.axis(axis, leveled, armed);
+            check.axis(axis, leveled, armed, options.timeout);
         }
     }
     check.disarm();
@@ -204,6 +211,8 @@ impl Check<'_> {
             (self.say)(Finding::Wrong(why));
         }
         self.receive(now);
+        self.silent |= !self.flight.is_fresh(now);
+        self.disarmed |= !self.flight.is_flying(&self.mixer, now);
         let instant = Instant::now();
         if instant < self.due() {
             return;
@@ -217,6 +226,7 @@ impl Check<'_> {
         let late = instant.saturating_duration_since(self.due).as_nanos() / self.period.as_nanos();
         let periods = u32::try_from(late).unwrap_or(u32::MAX).saturating_add(1);
         self.due += self.period * periods;
+        self.pause = self.pause.max(self.period * periods);
         self.sense(periods, motion, now);
     }
 
@@ -336,42 +346,20 @@ impl Check<'_> {
         } else {
             (self.say)(Finding::Ask(format!("arming {} by its pilot's channels", self.name)));
         }
-        let armed = |check: &mut Self| {
-            let up = matches!(check.rc.stage(), Stage::Off | Stage::Flying);
-            (up && check.flight.is_flying(&check.mixer, check.now())).then_some(())
-        };
-        let armed = self.until(options.timeout, armed).is_some();
+        let armed = self.wait_for_arming(options.timeout);
         if !armed {
             (self.say)(Finding::Unknown(format!("the outputs: {} was not armed in time", self.name)));
         }
         armed
     }
 
-    fn axis(&mut self, axis: usize, leveled: bool, armed: bool) {
-        let mut from = 0.0;
-        for to in [TILT, -TILT, 0.0] {
-            let before = self.attitude();
-            self.demands = Demands::default();
-            self.fly(RAMP / 4, |_| tilt::motion(axis, from, from, RAMP));
-            let still = std::mem::take(&mut self.demands);
-            self.fly(RAMP, |spent| tilt::motion(axis, from, to, spent));
-            let moved = std::mem::take(&mut self.demands);
-            self.fly(SETTLE, |_| tilt::motion(axis, from, to, RAMP));
-            if to != 0.0 {
-                let finding = match (before, self.attitude()) {
-                    (Some(before), Some(after)) => Some(tilt::check(axis, to - from, before, after)),
-                    _ if leveled => Some(Err(format!("{}: the telemetry stopped", AXES[axis].0))),
-                    _ => None,
-                };
-                if let Some(finding) = finding {
-                    (self.say)(finding.map_or_else(Finding::Wrong, Finding::Good));
-                }
-                if armed {
-                    (self.say)(reaction::check(axis, to - from, &still, &moved));
-                }
-            }
-            from = to;
-        }
+    /// Waits until the autopilot is armed and the throttle up; false when it is not in time.
+    fn wait_for_arming(&mut self, limit: Duration) -> bool {
+        let armed = |check: &mut Self| {
+            let up = matches!(check.rc.stage(), Stage::Off | Stage::Flying);
+            (up && check.flight.is_flying(&check.mixer, check.now())).then_some(())
+        };
+        self.until(limit, armed).is_some()
     }
 
     /// Disarms the autopilot through its pilot's channels.
