@@ -5,6 +5,7 @@
 //! of a vehicle would predict worse than no model at all: they contain the response to future disturbances that the model
 //! cannot know. As the model is linear, the expected inputs give the expected output.
 
+use nalgebra::{DMatrix, DVector};
 use whirlstand_logs::stats::mean;
 use whirlstand_vehicle::Simulator;
 
@@ -13,6 +14,7 @@ use crate::identify::Segment;
 use crate::identify::fitted::{Fit, NoiseFit};
 use crate::identify::forces::with_forces;
 use crate::identify::predictor::{Gains, Pattern};
+use crate::identify::problem::Problem;
 
 /// The inputs of the future in a forecast.
 pub struct Future<'r> {
@@ -33,8 +35,8 @@ impl Future<'_> {
 }
 
 /// Forecasts for a segment of one input and one output, one from each of `starts`, the last known steps, NaN where a value is
-/// missing; and the innovation of every step. The filter begins at the first known output, and at the mean of the forces with
-/// which the fitted segments begin: without process noise it would hardly find either. `None` when the filter has no steady state.
+/// missing; and the innovation of every step. What the segment begins with is found on the way ([`Beginning`]). `None` when
+/// the filter has no steady state.
 pub fn forecasts(
     fit: &Fit,
     future: &Future<'_>,
@@ -42,35 +44,112 @@ pub fn forecasts(
     starts: &[usize],
 ) -> Option<(Vec<f64>, Vec<f64>)> {
     let NoiseFit::Kalman(structure, noise) = &fit.noise else { return None };
-    let own = fit.frozen();
-    let problem = with_forces(&own, structure);
+    let problem = with_forces(&fit.frozen(), structure).into_owned();
     let pattern = Pattern::of(segment, 1);
     let gains = Gains::new(&problem, structure, &pattern, &[], noise, false)?;
-    let mut simulator = Simulator::expected(&problem.vehicle, segment.period_s).ok()?;
-    simulator.begin_at(segment.first_step);
-    // The first state of every structure is the output.
-    let mut begun = vec![0.0; problem.n()];
-    begun[0] = segment.outputs.iter().copied().find(|y| y.is_finite()).unwrap_or(0.0);
-    for (state, begun) in begun.iter_mut().enumerate().skip(own.n()) {
-        *begun = mean(&fit.nuisances.iter().filter_map(|n| n.get(state).copied()).collect::<Vec<_>>());
-    }
-    simulator.set_state(&begun);
-    let mut change = vec![0.0; problem.n()];
+    let mut beginning = Beginning::of(fit, &problem, segment)?;
     let mut forecasts = Vec::with_capacity(starts.len());
     let mut innovations = Vec::with_capacity(segment.steps);
     for k in 0..segment.steps {
-        simulator.apply(&segment.inputs[k..=k]);
-        let predicted = [simulator.measure()[0]];
-        innovations.push(segment.outputs[k] - predicted[0]);
-        simulator.advance();
-        gains.change(k, &segment.outputs[k..=k], &predicted, None, &mut change);
-        simulator.correct(&change);
+        innovations.push(beginning.follow(&gains, segment, k));
         if starts.binary_search(&k).is_ok() {
             let inputs = future.inputs(segment, k);
-            forecasts.push(inputs.map_or(f64::NAN, |inputs| run_ahead(simulator.clone(), &inputs)));
+            forecasts.push(inputs.map_or(f64::NAN, |inputs| beginning.ahead(&inputs)));
         }
     }
     Some((forecasts, innovations))
+}
+
+/// The filter's state at the first step of a segment, and the command before it, as unknowns: with little process noise a filter in its steady state
+/// would hardly find it. As the model is linear, one more filter for each tells what its beginning does to every later
+/// innovation, and those so far tell the beginning by least squares (de Jong, The diffuse Kalman filter, Annals of Statistics
+/// 19, 1991), beside what the fitted segments began with.
+struct Beginning {
+    /// The filter that begins where it is expected to, and those that begin one unit further in each unknown.
+    filters: Vec<Simulator>,
+    /// Normal equations of the distance from where it was expected to begin.
+    information: DMatrix<f64>,
+    right: DVector<f64>,
+}
+
+impl Beginning {
+    /// Expects the first known output, the mean of the forces with which the fitted segments begin, and the first command; how
+    /// far from it a segment may begin is how far the fitted ones do, and how far the command moves.
+    fn of(fit: &Fit, problem: &Problem, segment: &Segment) -> Option<Self> {
+        let (n, own) = (problem.n(), fit.problem.n());
+        let mut start =
+            Simulator::expected_from(&problem.vehicle, segment.period_s, &segment.inputs[..1]).ok()?;
+        start.begin_at(segment.first_step);
+        let begun = |state: usize| fit.nuisances.iter().filter_map(move |of| of.get(state).copied());
+        // The first state of every structure is the output, the others are its slope, and forces.
+        let first = segment.outputs.iter().copied().find(|y| y.is_finite()).unwrap_or(0.0);
+        let expected: Vec<f64> = (0..n)
+            .map(|state| match state {
+                0 => first,
+                state if state < own => 0.0,
+                state => mean(&begun(state).collect::<Vec<_>>()),
+            })
+            .collect();
+        let command = segment.inputs[0];
+        let filter = |before: f64, state: &[f64]| {
+            let mut filter = Simulator::expected_from(&problem.vehicle, segment.period_s, &[before]).ok()?;
+            filter.begin_at(segment.first_step);
+            filter.set_state(state);
+            Some(filter)
+        };
+        let mut filters = vec![filter(command, &expected)?];
+        let mut spreads = Vec::with_capacity(n + 1);
+        for state in 0..n {
+            let level = if state < own { 0.0 } else { expected[state] };
+            spreads.push(mean_square(begun(state).map(|v| v - level)));
+            let mut moved = expected.clone();
+            moved[state] += 1.0;
+            filters.push(filter(command, &moved)?);
+        }
+        filters.push(filter(command + 1.0, &expected)?);
+        spreads.push(mean_square(segment.inputs.iter().map(|u| u - command)));
+        let known = spreads.iter().map(|spread| 1.0 / spread.max(f64::MIN_POSITIVE.sqrt()));
+        let information = DMatrix::from_diagonal(&DVector::from_iterator(n + 1, known));
+        Some(Self { filters, information, right: DVector::zeros(n + 1) })
+    }
+
+    /// Advances all filters by step `k`; returns the innovation, of what was known before it.
+    fn follow(&mut self, gains: &Gains, segment: &Segment, k: usize) -> f64 {
+        let (measured, unknowns) = (&segment.outputs[k..=k], self.right.len());
+        let mut change = vec![0.0; self.filters[0].state().len()];
+        let mut predicted = Vec::with_capacity(unknowns + 1);
+        for filter in &mut self.filters {
+            filter.apply(&segment.inputs[k..=k]);
+            let output = [filter.measure()[0]];
+            filter.advance();
+            gains.change(k, measured, &output, None, &mut change);
+            filter.correct(&change);
+            predicted.push(output[0]);
+        }
+        let effects = DVector::from_fn(unknowns, |i, _| predicted[i + 1] - predicted[0]);
+        let error = measured[0] - predicted[0];
+        let innovation = error - effects.dot(&self.distance());
+        let phase = gains.phase(k);
+        if error.is_finite() && !phase.fresh.is_empty() {
+            let weight = 1.0 / phase.covariance[(0, 0)];
+            self.information.ger(weight, &effects, &effects, 1.0);
+            self.right.axpy(weight * error, &effects, 1.0);
+        }
+        innovation
+    }
+
+    /// How far from where it was expected the segment began, as far as is known.
+    fn distance(&self) -> DVector<f64> {
+        let solved = self.information.clone().cholesky().map(|c| c.solve(&self.right));
+        solved.unwrap_or_else(|| DVector::zeros(self.right.len()))
+    }
+
+    /// Output at the last step of the given inputs, which follow the last step.
+    fn ahead(&self, inputs: &[f64]) -> f64 {
+        let outputs: Vec<f64> = self.filters.iter().map(|filter| run_ahead(filter.clone(), inputs)).collect();
+        let moved = outputs[1..].iter().map(|output| output - outputs[0]);
+        outputs[0] + moved.zip(self.distance().iter()).map(|(moved, by)| moved * by).sum::<f64>()
+    }
 }
 
 /// Output at the last step of the given inputs, from a simulator that stands at the first.
@@ -82,4 +161,8 @@ fn run_ahead(mut simulator: Simulator, inputs: &[f64]) -> f64 {
         simulator.apply(&inputs[k..=k]);
     }
     simulator.measure()[0]
+}
+
+fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    mean(&values.map(|v| v * v).collect::<Vec<_>>())
 }

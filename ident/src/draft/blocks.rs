@@ -12,8 +12,10 @@ use crate::identify::{IdentifyError, Segment};
 const BLOCKS: usize = 12;
 /// Fewest steps per block.
 const LEAST_STEPS: usize = 60;
-/// Largest number of steps used in total; of longer records evenly spaced blocks are taken.
-const MOST_STEPS: usize = 9000;
+/// Largest number of steps that are fitted and held out in total; of longer records evenly spaced blocks are taken. A fit
+/// costs far more per step than a regression or a forecast.
+const MOST_FITTED_STEPS: usize = 9000;
+const MOST_STEPS: usize = 90_000;
 
 /// Part of the flight that is held out.
 pub const HELD_OUT: usize = 2;
@@ -169,17 +171,21 @@ impl Split {
     /// Parts of a record with gaps that are shorter than three blocks are blocks of their own.
     fn of(whole: &[Segment]) -> Self {
         let steps: usize = whole.iter().map(|s| s.steps).sum();
-        let block = (steps.min(MOST_STEPS) / BLOCKS).max(LEAST_STEPS);
+        let block = (steps.min(MOST_FITTED_STEPS) / BLOCKS).max(LEAST_STEPS);
         // Groups of three blocks; of a long record an even share of them.
-        let share = (MOST_STEPS as f64 / steps as f64).min(1.0);
-        let taken = |group: usize| (share * (group + 1) as f64).ceil() > (share * group as f64).ceil();
+        let taken = |most: usize, group: usize| {
+            let share = (most as f64 / steps as f64).min(1.0);
+            (share * (group + 1) as f64).ceil() > (share * group as f64).ceil()
+        };
         let mut split = Self { fitted: Vec::new(), folds: Default::default() };
         let (mut group, mut short) = (0, 0);
         for segment in whole {
             let groups = segment.steps / (3 * block);
             if groups == 0 && segment.steps >= LEAST_STEPS {
-                if taken(short / 3) {
+                if taken(MOST_STEPS, short / 3) {
                     split.folds[short % 3].push(segment.clone());
+                }
+                if taken(MOST_FITTED_STEPS, short / 3) {
                     split.fitted.extend((short % 3 < 2).then(|| segment.clone()));
                 }
                 short += 1;
@@ -188,8 +194,10 @@ impl Split {
             let length = segment.steps.checked_div(groups).unwrap_or(0);
             for g in 0..groups {
                 let cuts: [usize; 4] = std::array::from_fn(|third| g * length + third * length / 3);
-                if taken(group) {
+                if taken(MOST_FITTED_STEPS, group) {
                     split.fitted.push(part(segment, cuts[0], cuts[2]));
+                }
+                if taken(MOST_STEPS, group) {
                     for (fold, cut) in split.folds.iter_mut().zip(cuts.windows(2)) {
                         fold.push(part(segment, cut[0], cut[1]));
                     }
@@ -279,6 +287,21 @@ mod tests {
         let pair = Pair::new(&record, "u", "y").unwrap().unwrap();
         let steps = |segments: &[Segment]| segments.iter().map(|s| s.steps).collect::<Vec<_>>();
         assert_eq!((steps(&pair.fitted), steps(pair.held())), (vec![400; 4], vec![400]));
+    }
+
+    #[test]
+    fn all_of_a_long_record_is_surveyed_and_an_even_share_of_it_fitted() {
+        let steps = 10 * MOST_FITTED_STEPS;
+        let mut record = Record::new("x", (0..steps).map(|k| k as f64 * 0.01).collect()).unwrap();
+        record.push("u", "", (0..steps).map(|k| (k % 7) as f64).collect()).unwrap();
+        record.push("y", "", (0..steps).map(|k| (k as f64 * 0.1).sin()).collect()).unwrap();
+        let pair = Pair::new(&record, "u", "y").unwrap().unwrap();
+        let count = |segments: &[Segment]| segments.iter().map(|s| s.steps).sum::<usize>();
+        assert_eq!(pair.folds.iter().map(|fold| count(fold)).sum::<usize>(), steps);
+        let fitted = count(&pair.fitted) as f64 / MOST_FITTED_STEPS as f64;
+        assert!((0.6..0.8).contains(&fitted), "{fitted}");
+        let starts: Vec<f64> = pair.fitted.iter().map(|s| s.start_s).collect();
+        assert!(starts[0] < 100.0 && starts[starts.len() - 1] > 600.0, "{starts:?}");
     }
 
     #[test]

@@ -87,6 +87,15 @@ impl Rest {
     }
 }
 
+/// The record of a flight, and the part of the log that it is.
+#[derive(Clone, Copy)]
+pub struct Flight<'r> {
+    /// Samples of that part.
+    pub record: &'r Record,
+    /// The part, where it is not the whole log.
+    pub flown: Option<Flown>,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

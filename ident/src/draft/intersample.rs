@@ -13,7 +13,7 @@ const CLEARLY_LIKELIER: f64 = 3.0;
 /// The structures of a link, with an input that is held between its samples, or, where it `may_be_straight`, nothing reacts and it
 /// makes the record clearly likelier, with one that goes straight from one to the next; and the data with that input. In a closed
 /// loop the next input also knows the next output, so that the likelihood says nothing about it; and inputs that were averaged to
-/// longer steps are means over them already.
+/// longer steps are means over them already. A command that changes in single steps, with rest before and after, is held.
 ///
 /// # Errors
 /// As [`select`].
@@ -23,7 +23,7 @@ pub fn likelier(
     may_be_straight: bool,
 ) -> Result<(Pair, Option<Choice>), DraftError> {
     let held = select(&link.pair, signals, link.horizon, &link.own_past)?;
-    if link.pair.reacts || !may_be_straight {
+    if link.pair.reacts || !may_be_straight || changes_in_steps(&link.pair) {
         return Ok((link.pair.clone(), held));
     }
     let pair = link.pair.interpolated();
@@ -43,4 +43,15 @@ pub fn likelier(
         (held, found) => held.is_none() && found.is_some(),
     };
     Ok(if is_likelier { (pair, found) } else { (link.pair.clone(), held) })
+}
+
+/// True where most changes of the input stand alone: none from the sample before to the one before that, none after.
+fn changes_in_steps(pair: &Pair) -> bool {
+    let (mut alone, mut all) = (0, 0);
+    for window in pair.fitted.iter().flat_map(|segment| segment.inputs.windows(4)) {
+        let [before, change, after] = [0, 1, 2].map(|k| window[k] != window[k + 1]);
+        all += usize::from(change);
+        alone += usize::from(change && !before && !after);
+    }
+    2 * alone > all
 }

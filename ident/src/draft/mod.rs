@@ -1,14 +1,14 @@
 //! A first vehicle file from a record: signals by name and unit, structures by predictions of held-out data.
 //!
 //! - [`presets`] and [`proposal`]: selection of inputs and outputs among the signals of a log; [`reading`]:
-//!   their record.
+//!   their record; [`turns`]: degrees or radians.
 //! - [`blocks`]: fitted and held-out data; [`own_past`] and [`survey`]: inputs that explain an output better
 //!   than its own past, and refusals.
 //! - [`feedback`]: whether an input reacts to an output; [`intersample`]: what it does between its samples;
 //!   [`mixer`]: rotors that act together.
 //! - [`structure`], [`ahead`] and [`select`]: the structure of an axis, fitted by prediction error (Ljung, System
 //!   Identification, 2nd ed., chapters 3 and 7; Jategaonkar, Flight Vehicle System Identification, chapter 5).
-//! - [`compose`], [`comments`], [`answer`] and [`run`]: the vehicle, its file, and the answer.
+//! - [`compose`], [`comments`], [`finish`], [`answer`] and [`run`]: the vehicle, its file, and the answer.
 
 mod ahead;
 mod answer;
@@ -17,6 +17,7 @@ mod comments;
 mod compose;
 mod error;
 mod feedback;
+mod finish;
 mod flown;
 mod intersample;
 mod mixer;
@@ -31,11 +32,13 @@ mod structure;
 mod survey;
 #[cfg(test)]
 mod tests;
+mod turns;
 
 pub use answer::{
     AxisAnswer, DRAFT_SCHEMA, Draft, HeldOut, LeftOut, ParameterAnswer, SignalAnswer, TriedAnswer,
 };
 pub use error::DraftError;
+pub use finish::Names;
 pub use proposal::Choice;
-pub use run::{Names, draft};
+pub use run::draft;
 pub use structure::Structure;

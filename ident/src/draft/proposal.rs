@@ -3,6 +3,7 @@
 use super::error::DraftError;
 use super::names::{bare, last_part, valid_name, vehicle_name, words};
 use super::presets::{CONTROLS, FAMILIES, Family, INTEGRALS, Known, MEASURED_UNITS, NONLINEAR_INPUTS};
+use super::turns::in_degrees;
 
 /// A signal in a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +14,8 @@ pub struct Offered {
     pub unit: Option<String>,
     /// Samples per second, where the log keeps every topic on a clock of its own.
     pub rate_hz: Option<f64>,
+    /// Largest absolute value, in the stated unit, of a column of a table.
+    pub largest: Option<f64>,
 }
 
 /// A chosen signal.
@@ -37,6 +40,8 @@ pub struct Proposal {
     pub outputs: Vec<Chosen>,
     /// Motor commands.
     pub motors: Vec<Chosen>,
+    /// Rates in whose place their angles are outputs, as the inputs do not explain them.
+    pub unexplained: Vec<Chosen>,
 }
 
 /// Signals chosen by the user: `SIGNAL[unit]` or `NAME=SIGNAL[unit]`.
@@ -166,6 +171,7 @@ fn known_outputs(family: &Family, offered: &[Offered]) -> Vec<Chosen> {
         let best = there.iter().find(|(_, o)| o.rate_hz.is_none_or(|rate| rate >= 0.5 * fastest));
         all.extend(best.map(|(source, signal)| known(name, source, signal, family)));
     }
+    in_degrees(&mut all, offered);
     // One output suffices for the vertical axis.
     if all.iter().any(|c| c.name == "vertical_acceleration") {
         all.retain(|c| c.name != "vertical_speed");
@@ -263,6 +269,15 @@ fn distinct(proposal: &mut Proposal) {
     }
 }
 
+impl Proposal {
+    /// The same with angles in place of their rates; `None` where no rate has its angle.
+    pub fn with_angles(&self) -> Option<Self> {
+        let angle = |rate: &Chosen| self.outputs.iter().any(|o| rate_of(&o.name) == Some(&rate.name));
+        let (unexplained, outputs): (Vec<_>, Vec<_>) = self.outputs.iter().cloned().partition(angle);
+        (!unexplained.is_empty()).then(|| Self { outputs, unexplained, ..self.clone() })
+    }
+}
+
 /// The rate of which an output is the integral, if it is an angle of the vehicle.
 pub fn rate_of(output: &str) -> Option<&'static str> {
     INTEGRALS.iter().find(|(angle, _)| *angle == output).map(|(_, rate)| *rate)
@@ -277,6 +292,7 @@ mod tests {
             name: name.into(),
             unit: (!unit.is_empty()).then(|| unit.into()),
             rate_hz: (rate > 0.0).then_some(rate),
+            largest: None,
         };
         signals.iter().map(one).collect()
     }

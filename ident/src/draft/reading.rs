@@ -35,6 +35,7 @@ pub fn open(path: &Path, time: Option<&str>) -> Result<Opened, DraftError> {
             name: s.name.clone(),
             unit: Some(s.unit.clone()).filter(|u| !u.is_empty()),
             rate_hz: None,
+            largest: s.values.iter().map(|v| v.abs()).filter(|v| v.is_finite()).reduce(f64::max),
         };
         return Ok(Opened { offered: record.signals().iter().map(one).collect(), clocks: false });
     }
@@ -47,7 +48,7 @@ fn signals_of(log: &LogInfo) -> Vec<Offered> {
         let rate = rate_hz(topic);
         let one = move |signal: &String| {
             let (name, unit) = split_unit(signal);
-            Offered { name: name.into(), unit: unit.map(Into::into), rate_hz: Some(rate) }
+            Offered { name: name.into(), unit: unit.map(Into::into), rate_hz: Some(rate), largest: None }
         };
         topic.signals.iter().map(one).collect::<Vec<_>>()
     };

@@ -56,7 +56,7 @@ impl Link {
     }
 
     fn explains(&self) -> bool {
-        self.comparison.sigmas > EXPLAINED_SIGMAS && takes_away(&self.comparison)
+        self.comparison.most_sigmas() > EXPLAINED_SIGMAS && takes_away(&self.comparison)
     }
 }
 
@@ -218,7 +218,7 @@ pub fn link(
 fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
     let best = all.iter().find(|l| l.output == *output)?;
     let (output, input) = (&output.name, &best.input.name);
-    let (share, sigmas) = (100.0 * best.share(), best.comparison.sigmas);
+    let (share, sigmas) = (100.0 * best.share(), best.comparison.most_sigmas());
     Some(if share < 0.0 && sigmas > 0.0 {
         format!(
             "{output}: with {input} most predictions are better than from the past alone ({sigmas:.1} standard errors), but a \
@@ -241,7 +241,11 @@ fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>,
         let with_input = cross_validated_errors(&pair, horizon, true)?;
         Some((horizon, compare(&own_past, &with_input)?))
     });
-    let Some((horizon, comparison)) = compared.max_by(|a, b| a.1.sigmas.total_cmp(&b.1.sigmas)) else {
+    let compared: Vec<(usize, Comparison)> = compared.collect();
+    let most =
+        |of: fn(&Comparison) -> f64| compared.iter().max_by(|a, b| of(&a.1).total_cmp(&of(&b.1))).copied();
+    let usual = most(|c| c.sigmas).filter(|(_, c)| c.sigmas > EXPLAINED_SIGMAS);
+    let Some((horizon, comparison)) = usual.or_else(|| most(Comparison::most_sigmas)) else {
         return Ok(None);
     };
     let Some(own_past) = regression_errors(&pair, horizon, false) else { return Ok(None) };

@@ -118,3 +118,34 @@ fn an_input_that_moves_between_its_samples_is_told() {
     assert!((parameter(&found, "A[1,1]") / pole - 1.0).abs() < 0.05, "{}", found.text());
     assert!((parameter(&found, "B[1,1]") / 24.0 - 1.0).abs() < 0.05, "{}", found.text());
 }
+
+/// A vehicle that swings about its rest on a stand, turned by slow motors: its rate does not stay, so that no structure of a
+/// rate has it, and the gyroscope is poor. Without a unit, an angle of up to 40 is one in degrees.
+#[test]
+fn an_angle_is_modelled_where_its_rate_is_not() {
+    const STEPS: usize = 12_000;
+    let (command, sensor, gyroscope) = (noise(STEPS, 81), noise(STEPS, 82), noise(STEPS, 83));
+    let (dt, mut angle, mut rate, mut thrust) = (0.01, 0.0f64, 0.0, 0.0);
+    let mut csv = "t,u_pitch,pitch,pitch_rate[rad/s]\n".to_string();
+    for k in 0..STEPS {
+        // Moved for six of every seventeen seconds.
+        let u = if k % 1700 < 600 { command[k / 30] } else { 0.0 };
+        let (shown, turned) = (angle.to_degrees() + 0.02 * sensor[k], rate + 2.5 * gyroscope[k]);
+        csv.push_str(&format!("{},{u},{shown},{turned}\n", k as f64 * dt));
+        for _ in 0..10 {
+            thrust += 0.1 * dt * (u - thrust) / 0.2;
+            rate += 0.1 * dt * (12.0 * thrust - 36.0 * angle - 1.2 * rate);
+            angle += 0.1 * dt * rate;
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("stand.csv");
+    std::fs::write(&path, csv).unwrap();
+    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    assert_eq!(found.axes[0].output, "pitch", "{}", found.text());
+    assert!(found.toml.contains("\"pitch[deg]\""), "{}", found.toml);
+    let left_out = &found.left_out[0];
+    assert!(left_out.output == "pitch_rate" && left_out.why.contains("its angle"), "{left_out:?}");
+    let (stiffness, gain) = (parameter(&found, "A[2,1]"), parameter(&found, "B[2,1]"));
+    assert!((stiffness / -36.0 - 1.0).abs() < 0.05 && (gain / 12.0 - 1.0).abs() < 0.1, "{}", found.text());
+}
