@@ -16,17 +16,17 @@ use crate::identify::forces::with_forces;
 use crate::identify::predictor::{Gains, Pattern};
 use crate::identify::problem::Problem;
 
-/// The inputs of the future in a forecast.
-pub struct Future<'r> {
+/// What is known of the input in forecasts.
+pub struct Inputs<'r> {
     /// Number of steps.
     pub steps: usize,
     /// Expects the inputs; `None` for the recorded ones.
     pub expected: Option<&'r Regression>,
 }
 
-impl Future<'_> {
+impl Inputs<'_> {
     /// The inputs of the steps after `known`, as far as the segment goes.
-    fn inputs(&self, segment: &Segment, known: usize) -> Option<Vec<f64>> {
+    fn next(&self, segment: &Segment, known: usize) -> Option<Vec<f64>> {
         match self.expected {
             Some(expected) => Some(expected.predict(segment, known)?.iter().copied().collect()),
             None => segment.inputs.get(known + 1..=known + self.steps).map(<[f64]>::to_vec),
@@ -39,7 +39,7 @@ impl Future<'_> {
 /// the filter has no steady state.
 pub fn forecasts(
     fit: &Fit,
-    future: &Future<'_>,
+    inputs: &Inputs<'_>,
     segment: &Segment,
     starts: &[usize],
 ) -> Option<(Vec<f64>, Vec<f64>)> {
@@ -53,14 +53,14 @@ pub fn forecasts(
     for k in 0..segment.steps {
         innovations.push(beginning.follow(&gains, segment, k));
         if starts.binary_search(&k).is_ok() {
-            let inputs = future.inputs(segment, k);
-            forecasts.push(inputs.map_or(f64::NAN, |inputs| beginning.ahead(&inputs)));
+            let next = inputs.next(segment, k);
+            forecasts.push(next.map_or(f64::NAN, |next| beginning.ahead(&next)));
         }
     }
     Some((forecasts, innovations))
 }
 
-/// The filter's state at the first step of a segment, and the command before it, as unknowns: with little process noise a filter in its steady state
+/// The filter's state at the first step of a segment, as an unknown: with little process noise a filter in its steady state
 /// would hardly find it. As the model is linear, one more filter for each tells what its beginning does to every later
 /// innovation, and those so far tell the beginning by least squares (de Jong, The diffuse Kalman filter, Annals of Statistics
 /// 19, 1991), beside what the fitted segments began with.
@@ -73,8 +73,8 @@ struct Beginning {
 }
 
 impl Beginning {
-    /// Expects the first known output, the mean of the forces with which the fitted segments begin, and the first command; how
-    /// far from it a segment may begin is how far the fitted ones do, and how far the command moves.
+    /// Expects the first known output, and the mean of the forces with which the fitted segments begin; how far from it a
+    /// segment may begin is how far the fitted ones do.
     fn of(fit: &Fit, problem: &Problem, segment: &Segment) -> Option<Self> {
         let (n, own) = (problem.n(), fit.problem.n());
         let mut start =
@@ -90,27 +90,25 @@ impl Beginning {
                 state => mean(&begun(state).collect::<Vec<_>>()),
             })
             .collect();
-        let command = segment.inputs[0];
-        let filter = |before: f64, state: &[f64]| {
-            let mut filter = Simulator::expected_from(&problem.vehicle, segment.period_s, &[before]).ok()?;
+        let filter = |state: &[f64]| {
+            let before = &segment.inputs[..1];
+            let mut filter = Simulator::expected_from(&problem.vehicle, segment.period_s, before).ok()?;
             filter.begin_at(segment.first_step);
             filter.set_state(state);
             Some(filter)
         };
-        let mut filters = vec![filter(command, &expected)?];
-        let mut spreads = Vec::with_capacity(n + 1);
+        let mut filters = vec![filter(&expected)?];
+        let mut spreads = Vec::with_capacity(n);
         for state in 0..n {
             let level = if state < own { 0.0 } else { expected[state] };
             spreads.push(mean_square(begun(state).map(|v| v - level)));
             let mut moved = expected.clone();
             moved[state] += 1.0;
-            filters.push(filter(command, &moved)?);
+            filters.push(filter(&moved)?);
         }
-        filters.push(filter(command + 1.0, &expected)?);
-        spreads.push(mean_square(segment.inputs.iter().map(|u| u - command)));
         let known = spreads.iter().map(|spread| 1.0 / spread.max(f64::MIN_POSITIVE.sqrt()));
-        let information = DMatrix::from_diagonal(&DVector::from_iterator(n + 1, known));
-        Some(Self { filters, information, right: DVector::zeros(n + 1) })
+        let information = DMatrix::from_diagonal(&DVector::from_iterator(n, known));
+        Some(Self { filters, information, right: DVector::zeros(n) })
     }
 
     /// Advances all filters by step `k`; returns the innovation, of what was known before it.

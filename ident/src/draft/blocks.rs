@@ -6,6 +6,7 @@ use whirlstand_logs::stats::{mean, median, rms};
 use whirlstand_vehicle::{Input, Intersample, Output, SignalUnit, State, Vehicle};
 
 use super::own_past::lags;
+use super::structure::LONGEST_LAG_S;
 use crate::identify::{IdentifyError, Segment};
 
 /// Least number of blocks of a record; two of three are fitted, the third is held out.
@@ -23,6 +24,19 @@ pub const HELD_OUT: usize = 2;
 /// Pole faster than any vehicle's, 1/s.
 const FASTEST_POLE: f64 = -1e4;
 
+/// Time before held-out data from which forecasts follow the record, s, where there is any: three time constants of the slowest
+/// actuator, whose state is then known, to 5 % of what it was before.
+const LEAD_S: f64 = 3.0 * LONGEST_LAG_S;
+
+/// Held-out data with what was recorded before.
+#[derive(Debug, Clone)]
+pub struct Led {
+    /// Data from `lead` steps before.
+    pub segment: Segment,
+    /// Steps that are not held out.
+    pub lead: usize,
+}
+
 /// Data of one input and one output, with their means subtracted.
 #[derive(Debug, Clone)]
 pub struct Pair {
@@ -30,6 +44,8 @@ pub struct Pair {
     pub fitted: Vec<Segment>,
     /// All data in three parts that each cover the whole flight, for cross-validation.
     pub folds: [Vec<Segment>; 3],
+    /// The part that is held out, each segment with what was recorded before it.
+    pub led: Vec<Led>,
     /// Mean of the input over the fitted data, SI.
     pub input_level: f64,
     /// Mean of the output over the fitted data, SI.
@@ -98,7 +114,7 @@ impl Pair {
     /// When the record has no grid, or lacks a signal.
     pub fn new(record: &Record, input: &str, output: &str) -> Result<Option<Self>, IdentifyError> {
         let whole = Segment::unbroken(record, &probe(input, output), None, (None, None))?;
-        let Split { mut fitted, mut folds } = Split::of(&whole);
+        let Split { mut fitted, mut folds, mut led } = Split::of(&whole);
         if fitted.is_empty() || folds.iter().any(Vec::is_empty) {
             return Ok(None);
         }
@@ -109,7 +125,8 @@ impl Pair {
         };
         let (input_level, input_spread) = level(|s| &s.inputs);
         let (output_level, output_spread) = level(|s| &s.outputs);
-        for segment in fitted.iter_mut().chain(folds.iter_mut().flatten()) {
+        let before = led.iter_mut().map(|led| &mut led.segment);
+        for segment in fitted.iter_mut().chain(folds.iter_mut().flatten()).chain(before) {
             segment.inputs.iter_mut().for_each(|u| *u -= input_level);
             segment.outputs.iter_mut().for_each(|y| *y -= output_level);
         }
@@ -117,6 +134,7 @@ impl Pair {
         Ok(Some(Self {
             fitted,
             folds,
+            led,
             input_level,
             output_level,
             input_spread,
@@ -130,7 +148,8 @@ impl Pair {
     /// The same with an input that goes straight from one sample to the next.
     pub fn interpolated(&self) -> Self {
         let mut straight = Self { intersample: Intersample::Interpolated, ..self.clone() };
-        for segment in straight.fitted.iter_mut().chain(straight.folds.iter_mut().flatten()) {
+        let before = straight.led.iter_mut().map(|led| &mut led.segment);
+        for segment in straight.fitted.iter_mut().chain(straight.folds.iter_mut().flatten()).chain(before) {
             segment.inputs = means_over_steps(&segment.inputs);
         }
         straight
@@ -165,6 +184,7 @@ fn part(segment: &Segment, from: usize, until: usize) -> Segment {
 struct Split {
     fitted: Vec<Segment>,
     folds: [Vec<Segment>; 3],
+    led: Vec<Led>,
 }
 
 impl Split {
@@ -177,13 +197,16 @@ impl Split {
             let share = (most as f64 / steps as f64).min(1.0);
             (share * (group + 1) as f64).ceil() > (share * group as f64).ceil()
         };
-        let mut split = Self { fitted: Vec::new(), folds: Default::default() };
+        let mut split = Self { fitted: Vec::new(), folds: Default::default(), led: Vec::new() };
         let (mut group, mut short) = (0, 0);
         for segment in whole {
             let groups = segment.steps / (3 * block);
             if groups == 0 && segment.steps >= LEAST_STEPS {
                 if taken(MOST_STEPS, short / 3) {
                     split.folds[short % 3].push(segment.clone());
+                    split
+                        .led
+                        .extend((short % 3 == HELD_OUT).then(|| Led { segment: segment.clone(), lead: 0 }));
                 }
                 if taken(MOST_FITTED_STEPS, short / 3) {
                     split.fitted.extend((short % 3 < 2).then(|| segment.clone()));
@@ -201,6 +224,9 @@ impl Split {
                     for (fold, cut) in split.folds.iter_mut().zip(cuts.windows(2)) {
                         fold.push(part(segment, cut[0], cut[1]));
                     }
+                    let lead = ((LEAD_S / segment.period_s).ceil() as usize).min(cuts[HELD_OUT]);
+                    let segment = part(segment, cuts[HELD_OUT] - lead, cuts[HELD_OUT + 1]);
+                    split.led.push(Led { segment, lead });
                 }
                 group += 1;
             }

@@ -2,7 +2,7 @@
 //!
 //! - [`presets`] and [`proposal`]: selection of inputs and outputs among the signals of a log; [`reading`]:
 //!   their record; [`turns`]: degrees or radians.
-//! - [`blocks`]: fitted and held-out data; [`own_past`] and [`survey`]: inputs that explain an output better
+//! - [`blocks`]: fitted and held-out data; [`own_past`], [`cross_validation`] and [`survey`]: inputs that explain an output better
 //!   than its own past, and refusals.
 //! - [`feedback`]: whether an input reacts to an output; [`intersample`]: what it does between its samples;
 //!   [`mixer`]: rotors that act together.
@@ -15,6 +15,7 @@ mod answer;
 mod blocks;
 mod comments;
 mod compose;
+mod cross_validation;
 mod error;
 mod feedback;
 mod finish;

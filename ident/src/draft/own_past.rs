@@ -56,7 +56,8 @@ impl Ahead {
 }
 
 /// Normal equations of a regression.
-struct LeastSquares {
+#[derive(Debug, Clone)]
+pub struct LeastSquares {
     information: DMatrix<f64>,
     right: DMatrix<f64>,
 }
@@ -70,6 +71,19 @@ impl LeastSquares {
     fn add(&mut self, row: &DVector<f64>, target: &[f64]) {
         self.information.ger(1.0, row, row, 1.0);
         self.right.ger(1.0, row, &DVectorView::from_slice(target, target.len()), 1.0);
+    }
+
+    /// Those of both sets of data.
+    pub fn with(&self, other: &Self) -> Self {
+        Self { information: &self.information + &other.information, right: &self.right + &other.right }
+    }
+
+    /// Those of the first regressors and of one predicted value.
+    pub fn part(&self, regressors: usize, value: usize) -> Self {
+        Self {
+            information: self.information.view((0, 0), (regressors, regressors)).into_owned(),
+            right: self.right.view((0, value), (regressors, 1)).into_owned(),
+        }
     }
 
     /// Coefficients, one column per predicted value.
@@ -100,21 +114,38 @@ impl Regression {
         inputs: usize,
         ahead: Ahead,
     ) -> Option<Self> {
-        let (n, values) = (outputs + inputs, ahead.count());
-        let mut found = Self { outputs, inputs, coefficients: DMatrix::zeros(n, values) };
-        let mut equations = LeastSquares::new(n, values);
+        Self::solved(outputs, inputs, Self::equations(segments, outputs, inputs, &[ahead]))
+    }
+
+    /// Normal equations of regressions on the same past, at steps at which all targets are known.
+    pub fn equations<'s>(
+        segments: impl IntoIterator<Item = &'s Segment>,
+        outputs: usize,
+        inputs: usize,
+        ahead: &[Ahead],
+    ) -> LeastSquares {
+        let values = ahead.iter().map(Ahead::count).sum();
+        let past = Self { outputs, inputs, coefficients: DMatrix::zeros(0, 0) };
+        let mut equations = LeastSquares::new(outputs + inputs, values);
+        let mut target = Vec::with_capacity(values);
         for s in segments {
             for k in 0..s.steps {
-                let Some(target) = ahead.of(s, k).filter(|t| t.iter().all(|v| v.is_finite())) else {
+                target.clear();
+                target.extend(ahead.iter().filter_map(|a| a.of(s, k)).flatten().copied());
+                if target.len() < values || !target.iter().all(|v| v.is_finite()) {
                     continue;
-                };
-                if let Some(row) = found.row(s, k) {
-                    equations.add(&row, target);
+                }
+                if let Some(row) = past.row(s, k) {
+                    equations.add(&row, &target);
                 }
             }
         }
-        found.coefficients = equations.solve()?;
-        Some(found)
+        equations
+    }
+
+    /// The solution of normal equations; `None` where the data are insufficient.
+    pub fn solved(outputs: usize, inputs: usize, equations: LeastSquares) -> Option<Self> {
+        Some(Self { outputs, inputs, coefficients: equations.solve()? })
     }
 
     /// Regressors at step `known`; `None` where the newest value or most of the past is missing.

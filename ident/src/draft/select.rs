@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
-use super::ahead::{Future, forecasts};
-use super::blocks::{HELD_OUT, Pair, warm};
+use super::ahead::{Inputs, forecasts};
+use super::blocks::{Led, Pair, warm};
 use super::error::DraftError;
 use super::own_past::{Ahead, Memory, Regression, compare, lags, starts, takes_away};
 use super::structure::{Signals, Structure};
@@ -41,38 +41,6 @@ pub struct Tried {
     pub rmse: f64,
 }
 
-/// Errors at the horizon on the held-out data of the regression on inputs and past, or on the past alone.
-/// Where the mean predicts better than the regression on the past alone, the errors are those of the mean.
-pub fn regression_errors(pair: &Pair, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
-    errors_of_fold(pair, HELD_OUT, horizon, with_input)
-}
-
-/// The same on all parts of the flight, each predicted from the other two.
-pub fn cross_validated_errors(pair: &Pair, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
-    let errors = (0..pair.folds.len()).map(|fold| errors_of_fold(pair, fold, horizon, with_input));
-    Some(errors.collect::<Option<Vec<_>>>()?.concat())
-}
-
-fn errors_of_fold(pair: &Pair, fold: usize, horizon: usize, with_input: bool) -> Option<Vec<f64>> {
-    let lags = lags(pair.period_s);
-    let inputs = if with_input { lags } else { 0 };
-    let others = pair.folds.iter().enumerate().filter(|(other, _)| *other != fold).flat_map(|(_, f)| f);
-    let found = Regression::fit(others, lags, inputs, Ahead::Output(horizon))?;
-    let held = &pair.folds[fold];
-    let from = |s: &Segment| starts(s, warm(pair, horizon), horizon);
-    let error = |s: &Segment, k: usize| {
-        found.predict(s, k).map_or(f64::NAN, |predicted| s.outputs[k + horizon] - predicted[0])
-    };
-    let errors: Vec<f64> = held.iter().flat_map(|s| from(s).into_iter().map(move |k| error(s, k))).collect();
-    if with_input {
-        return Some(errors);
-    }
-    let level = |s: &Segment| from(s).into_iter().map(|k| s.outputs[k + horizon]).collect::<Vec<_>>();
-    let of_mean: Vec<f64> = held.iter().flat_map(level).collect();
-    let worse = compare(&errors, &of_mean).is_some_and(|c| c.first > c.second);
-    Some(if worse { of_mean } else { errors })
-}
-
 /// The selected structure with its fit, and the errors of all structures.
 pub type Choice = (Tried, Vec<(Structure, f64)>);
 
@@ -99,6 +67,7 @@ pub fn select(
         let found: Vec<Option<Tried>> = found.collect::<Result<_, _>>()?;
         all.extend(found.into_iter().flatten());
     }
+    begin_at_richer(&mut all, pair, signals, horizon)?;
     all.retain(|t| t.rmse.is_finite());
     all.sort_by(|a, b| {
         (a.structure.parameters(), a.rmse).partial_cmp(&(b.structure.parameters(), b.rmse)).expect("finite")
@@ -110,6 +79,31 @@ pub fn select(
         all.retain(answers_the_input);
     }
     Ok(simplest(all, own_past).map(|found| (found, figures)))
+}
+
+/// Fits structures again from a richer one that is likelier although its further effect does not show: a search that ended
+/// in another valley of the likelihood.
+fn begin_at_richer(
+    all: &mut [Tried],
+    pair: &Pair,
+    signals: &Signals,
+    horizon: usize,
+) -> Result<(), DraftError> {
+    for i in 0..all.len() {
+        let own = &all[i];
+        let richer =
+            |t: &&Tried| t.structure.extends(&own.structure) && !effects_show(t) && t.fit.cost < own.fit.cost;
+        let Some(likelier) = all.iter().filter(richer).min_by(|a, b| a.fit.cost.total_cmp(&b.fit.cost))
+        else {
+            continue;
+        };
+        if let Some(found) = tried(own.structure, pair, signals, horizon, &[&likelier.fit])?
+            && found.fit.cost < own.fit.cost
+        {
+            all[i] = found;
+        }
+    }
+    Ok(())
 }
 
 /// Standard errors by which the gain of the input must differ from zero. It is the largest of eight structures for each pair
@@ -219,20 +213,23 @@ fn held_out_errors(fit: &Fit, pair: &Pair, horizon: usize) -> Option<(Vec<f64>, 
         true => Some(Regression::fit(&pair.fitted, lags, lags, Ahead::Inputs(horizon))?),
         false => None,
     };
-    let inputs = Future { steps: horizon, expected: expected.as_ref() };
+    let inputs = Inputs { steps: horizon, expected: expected.as_ref() };
     let made = |s: &Segment, from: Vec<usize>| -> Option<Forecasts> {
         let (forecasts, innovations) = forecasts(fit, &inputs, s, &from)?;
         let errors = from.iter().zip(forecasts).map(|(k, forecast)| (*k, s.outputs[k + horizon] - forecast));
         Some(Forecasts { innovations, errors: errors.collect() })
     };
-    let everywhere = |s: &Segment| (warm..s.steps.saturating_sub(horizon)).collect();
+    // Forecasts from neighbouring steps have most of their errors in common.
+    let apart = (horizon / 4).max(1);
+    let everywhere = |s: &Segment| (warm..s.steps.saturating_sub(horizon)).step_by(apart).collect();
     let fitted = pair.fitted.iter().map(|s| made(s, everywhere(s))).collect::<Option<Vec<_>>>()?;
     let fitted =
         fitted.iter().flat_map(|f| f.errors.iter().map(|(k, error)| (&f.innovations[..=*k], *error)));
     let memory = Memory::fit(fitted, lags)?;
     let (mut alone, mut completed) = (Vec::new(), Vec::new());
-    for s in pair.held() {
-        let Forecasts { innovations, errors } = made(s, starts(s, warm, horizon))?;
+    for (s, Led { segment, lead }) in pair.held().iter().zip(&pair.led) {
+        let from = starts(s, warm, horizon).into_iter().map(|k| lead + k).collect();
+        let Forecasts { innovations, errors } = made(segment, from)?;
         for (k, error) in errors {
             alone.push(error);
             completed.push(memory.left(&innovations[..=k], error));

@@ -6,13 +6,13 @@ use whirlstand_logs::Record;
 use whirlstand_logs::stats::{mean, rms, white_noise_std};
 
 use super::answer::LeftOut;
-use super::blocks::{Pair, horizons, least_steps, range};
+use super::blocks::{HELD_OUT, Pair, horizons, least_steps, range};
+use super::cross_validation::Parts;
 use super::error::DraftError;
 use super::feedback::reacts;
 use super::own_past::{Comparison, compare, takes_away};
 use super::proposal::Chosen;
 use super::reading::{input_interval, interval, own_samples, samples};
-use super::select::{cross_validated_errors, regression_errors};
 
 /// Longest sampling interval of an input, a rate or an acceleration, s, whatever it looks like. Such a motion of a small
 /// vehicle has a rise time of some 0.2 s, which needs four to ten samples (Astrom and Wittenmark, Computer-Controlled Systems,
@@ -192,7 +192,9 @@ pub fn link(
     for candidate in all.iter().filter(|l| l.explains()) {
         let taken = |l: &Link| l.input == candidate.input || l.output == candidate.output;
         if !links.iter().any(taken) {
-            links.push(candidate.clone());
+            let mut link = candidate.clone();
+            link.pair.reacts = reacts(&link.pair, link.horizon);
+            links.push(link);
         }
     }
     if links.is_empty() {
@@ -233,23 +235,22 @@ fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
 }
 
 fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>, DraftError> {
-    let Some(mut pair) = Pair::new(record, &input.name, &output.name)? else { return Ok(None) };
+    let Some(pair) = Pair::new(record, &input.name, &output.name)? else { return Ok(None) };
     let intervals = [input_interval(record, input), interval(record, output)];
     let slowest = intervals.into_iter().flatten().fold(0.0, f64::max);
-    let compared = horizons(&pair, slowest).into_iter().filter_map(|horizon| {
-        let own_past = cross_validated_errors(&pair, horizon, false)?;
-        let with_input = cross_validated_errors(&pair, horizon, true)?;
-        Some((horizon, compare(&own_past, &with_input)?))
+    let ahead = horizons(&pair, slowest);
+    let parts = Parts::of(&pair, &ahead);
+    let compared = ahead.iter().enumerate().filter_map(|(at, horizon)| {
+        Some((at, *horizon, compare(&parts.all_errors(at, false)?, &parts.all_errors(at, true)?)?))
     });
-    let compared: Vec<(usize, Comparison)> = compared.collect();
+    let compared: Vec<(usize, usize, Comparison)> = compared.collect();
     let most =
-        |of: fn(&Comparison) -> f64| compared.iter().max_by(|a, b| of(&a.1).total_cmp(&of(&b.1))).copied();
-    let usual = most(|c| c.sigmas).filter(|(_, c)| c.sigmas > EXPLAINED_SIGMAS);
-    let Some((horizon, comparison)) = usual.or_else(|| most(Comparison::most_sigmas)) else {
+        |of: fn(&Comparison) -> f64| compared.iter().max_by(|a, b| of(&a.2).total_cmp(&of(&b.2))).copied();
+    let usual = most(|c| c.sigmas).filter(|(.., c)| c.sigmas > EXPLAINED_SIGMAS);
+    let Some((at, horizon, comparison)) = usual.or_else(|| most(Comparison::most_sigmas)) else {
         return Ok(None);
     };
-    let Some(own_past) = regression_errors(&pair, horizon, false) else { return Ok(None) };
-    pair.reacts = reacts(&pair, horizon);
+    let Some(own_past) = parts.errors(HELD_OUT, at, false) else { return Ok(None) };
     Ok(Some(Link { input: input.clone(), output: output.clone(), pair, horizon, own_past, comparison }))
 }
 
