@@ -244,12 +244,16 @@ fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>,
         Some((at, *horizon, compare(&parts.all_errors(at, false)?, &parts.all_errors(at, true)?)?))
     });
     let compared: Vec<(usize, usize, Comparison)> = compared.collect();
-    let most =
-        |of: fn(&Comparison) -> f64| compared.iter().max_by(|a, b| of(&a.2).total_cmp(&of(&b.2))).copied();
-    let usual = most(|c| c.sigmas).filter(|(.., c)| c.sigmas > EXPLAINED_SIGMAS);
-    let Some((at, horizon, comparison)) = usual.or_else(|| most(Comparison::most_sigmas)) else {
-        return Ok(None);
+    // At some horizon a few errors may outweigh all others; the input has to explain at one.
+    let most = |of: fn(&Comparison) -> f64, explained: bool| {
+        let known = compared.iter().filter(|(.., c)| !explained || takes_away(c));
+        known.max_by(|a, b| of(&a.2).total_cmp(&of(&b.2))).copied()
     };
+    let usual = most(|c| c.sigmas, true).filter(|(.., c)| c.sigmas > EXPLAINED_SIGMAS);
+    let chosen = usual
+        .or_else(|| most(Comparison::most_sigmas, true))
+        .or_else(|| most(Comparison::most_sigmas, false));
+    let Some((at, horizon, comparison)) = chosen else { return Ok(None) };
     let Some(own_past) = parts.errors(HELD_OUT, at, false) else { return Ok(None) };
     Ok(Some(Link { input: input.clone(), output: output.clone(), pair, horizon, own_past, comparison }))
 }
