@@ -54,18 +54,18 @@ pub fn forecasts(
         innovations.push(beginning.follow(&gains, segment, k));
         if starts.binary_search(&k).is_ok() {
             let next = inputs.next(segment, k);
-            forecasts.push(next.map_or(f64::NAN, |next| beginning.ahead(&next)));
+            forecasts.push(next.map_or(f64::NAN, |next| run_ahead(beginning.found(), &next)));
         }
     }
     Some((forecasts, innovations))
 }
 
 /// The filter's state at the first step of a segment, as an unknown: with little process noise a filter in its steady state
-/// would hardly find it. As the model is linear, one more filter for each tells what its beginning does to every later
+/// would hardly find it. As the model is linear, one more filter for each state tells what its beginning does to every later
 /// innovation, and those so far tell the beginning by least squares (de Jong, The diffuse Kalman filter, Annals of Statistics
 /// 19, 1991), beside what the fitted segments began with.
 struct Beginning {
-    /// The filter that begins where it is expected to, and those that begin one unit further in each unknown.
+    /// The filter that begins where it is expected to, and those that begin one unit further in each state.
     filters: Vec<Simulator>,
     /// Normal equations of the distance from where it was expected to begin.
     information: DMatrix<f64>,
@@ -77,9 +77,6 @@ impl Beginning {
     /// segment may begin is how far the fitted ones do.
     fn of(fit: &Fit, problem: &Problem, segment: &Segment) -> Option<Self> {
         let (n, own) = (problem.n(), fit.problem.n());
-        let mut start =
-            Simulator::expected_from(&problem.vehicle, segment.period_s, &segment.inputs[..1]).ok()?;
-        start.begin_at(segment.first_step);
         let begun = |state: usize| fit.nuisances.iter().filter_map(move |of| of.get(state).copied());
         // The first state of every structure is the output, the others are its slope, and forces.
         let first = segment.outputs.iter().copied().find(|y| y.is_finite()).unwrap_or(0.0);
@@ -90,21 +87,19 @@ impl Beginning {
                 state => mean(&begun(state).collect::<Vec<_>>()),
             })
             .collect();
-        let filter = |state: &[f64]| {
-            let before = &segment.inputs[..1];
-            let mut filter = Simulator::expected_from(&problem.vehicle, segment.period_s, before).ok()?;
-            filter.begin_at(segment.first_step);
-            filter.set_state(state);
-            Some(filter)
-        };
-        let mut filters = vec![filter(&expected)?];
+        let mut filter =
+            Simulator::expected_from(&problem.vehicle, segment.period_s, &segment.inputs[..1]).ok()?;
+        filter.begin_at(segment.first_step);
+        filter.set_state(&expected);
+        let mut filters = vec![filter.clone()];
         let mut spreads = Vec::with_capacity(n);
         for state in 0..n {
             let level = if state < own { 0.0 } else { expected[state] };
             spreads.push(mean_square(begun(state).map(|v| v - level)));
             let mut moved = expected.clone();
             moved[state] += 1.0;
-            filters.push(filter(&moved)?);
+            filter.set_state(&moved);
+            filters.push(filter.clone());
         }
         let known = spreads.iter().map(|spread| 1.0 / spread.max(f64::MIN_POSITIVE.sqrt()));
         let information = DMatrix::from_diagonal(&DVector::from_iterator(n, known));
@@ -113,9 +108,9 @@ impl Beginning {
 
     /// Advances all filters by step `k`; returns the innovation, of what was known before it.
     fn follow(&mut self, gains: &Gains, segment: &Segment, k: usize) -> f64 {
-        let (measured, unknowns) = (&segment.outputs[k..=k], self.right.len());
-        let mut change = vec![0.0; self.filters[0].state().len()];
-        let mut predicted = Vec::with_capacity(unknowns + 1);
+        let (measured, n) = (&segment.outputs[k..=k], self.right.len());
+        let mut change = vec![0.0; n];
+        let mut predicted = Vec::with_capacity(n + 1);
         for filter in &mut self.filters {
             filter.apply(&segment.inputs[k..=k]);
             let output = [filter.measure()[0]];
@@ -124,7 +119,7 @@ impl Beginning {
             filter.correct(&change);
             predicted.push(output[0]);
         }
-        let effects = DVector::from_fn(unknowns, |i, _| predicted[i + 1] - predicted[0]);
+        let effects = DVector::from_fn(n, |i, _| predicted[i + 1] - predicted[0]);
         let error = measured[0] - predicted[0];
         let innovation = error - effects.dot(&self.distance());
         let phase = gains.phase(k);
@@ -142,11 +137,17 @@ impl Beginning {
         solved.unwrap_or_else(|| DVector::zeros(self.right.len()))
     }
 
-    /// Output at the last step of the given inputs, which follow the last step.
-    fn ahead(&self, inputs: &[f64]) -> f64 {
-        let outputs: Vec<f64> = self.filters.iter().map(|filter| run_ahead(filter.clone(), inputs)).collect();
-        let moved = outputs[1..].iter().map(|output| output - outputs[0]);
-        outputs[0] + moved.zip(self.distance().iter()).map(|(moved, by)| moved * by).sum::<f64>()
+    /// The filter that began where the segment did, as far as is known.
+    fn found(&self) -> Simulator {
+        let mut filter = self.filters[0].clone();
+        let mut change = vec![0.0; filter.state().len()];
+        for (moved, by) in self.filters[1..].iter().zip(self.distance().iter()) {
+            for ((change, moved), own) in change.iter_mut().zip(moved.state()).zip(filter.state()) {
+                *change += by * (moved - own);
+            }
+        }
+        filter.correct(&change);
+        filter
     }
 }
 

@@ -13,9 +13,9 @@ use crate::identify::{IdentifyError, Segment};
 const BLOCKS: usize = 12;
 /// Fewest steps per block.
 const LEAST_STEPS: usize = 60;
-/// Largest number of steps that are fitted and held out in total; of longer records evenly spaced blocks are taken. A fit
-/// costs far more per step than a regression or a forecast.
+/// Largest number of steps in the blocks of which two thirds are fitted; of longer records evenly spaced blocks are taken.
 const MOST_FITTED_STEPS: usize = 9000;
+/// The same for regressions and forecasts, which cost far less per step.
 const MOST_STEPS: usize = 90_000;
 
 /// Part of the flight that is held out.
@@ -30,8 +30,8 @@ const LEAD_S: f64 = 3.0 * LONGEST_LAG_S;
 
 /// Held-out data with what was recorded before.
 #[derive(Debug, Clone)]
-pub struct Led {
-    /// Data from `lead` steps before.
+pub struct LeadIn {
+    /// Data from `lead` steps before the held-out data.
     pub segment: Segment,
     /// Steps that are not held out.
     pub lead: usize,
@@ -45,7 +45,7 @@ pub struct Pair {
     /// All data in three parts that each cover the whole flight, for cross-validation.
     pub folds: [Vec<Segment>; 3],
     /// The part that is held out, each segment with what was recorded before it.
-    pub led: Vec<Led>,
+    pub lead_ins: Vec<LeadIn>,
     /// Mean of the input over the fitted data, SI.
     pub input_level: f64,
     /// Mean of the output over the fitted data, SI.
@@ -114,7 +114,7 @@ impl Pair {
     /// When the record has no grid, or lacks a signal.
     pub fn new(record: &Record, input: &str, output: &str) -> Result<Option<Self>, IdentifyError> {
         let whole = Segment::unbroken(record, &probe(input, output), None, (None, None))?;
-        let Split { mut fitted, mut folds, mut led } = Split::of(&whole);
+        let Split { mut fitted, mut folds, mut lead_ins } = Split::of(&whole);
         if fitted.is_empty() || folds.iter().any(Vec::is_empty) {
             return Ok(None);
         }
@@ -125,7 +125,7 @@ impl Pair {
         };
         let (input_level, input_spread) = level(|s| &s.inputs);
         let (output_level, output_spread) = level(|s| &s.outputs);
-        let before = led.iter_mut().map(|led| &mut led.segment);
+        let before = lead_ins.iter_mut().map(|part| &mut part.segment);
         for segment in fitted.iter_mut().chain(folds.iter_mut().flatten()).chain(before) {
             segment.inputs.iter_mut().for_each(|u| *u -= input_level);
             segment.outputs.iter_mut().for_each(|y| *y -= output_level);
@@ -134,7 +134,7 @@ impl Pair {
         Ok(Some(Self {
             fitted,
             folds,
-            led,
+            lead_ins,
             input_level,
             output_level,
             input_spread,
@@ -148,7 +148,7 @@ impl Pair {
     /// The same with an input that goes straight from one sample to the next.
     pub fn interpolated(&self) -> Self {
         let mut straight = Self { intersample: Intersample::Interpolated, ..self.clone() };
-        let before = straight.led.iter_mut().map(|led| &mut led.segment);
+        let before = straight.lead_ins.iter_mut().map(|part| &mut part.segment);
         for segment in straight.fitted.iter_mut().chain(straight.folds.iter_mut().flatten()).chain(before) {
             segment.inputs = means_over_steps(&segment.inputs);
         }
@@ -184,7 +184,7 @@ fn part(segment: &Segment, from: usize, until: usize) -> Segment {
 struct Split {
     fitted: Vec<Segment>,
     folds: [Vec<Segment>; 3],
-    led: Vec<Led>,
+    lead_ins: Vec<LeadIn>,
 }
 
 impl Split {
@@ -197,16 +197,16 @@ impl Split {
             let share = (most as f64 / steps as f64).min(1.0);
             (share * (group + 1) as f64).ceil() > (share * group as f64).ceil()
         };
-        let mut split = Self { fitted: Vec::new(), folds: Default::default(), led: Vec::new() };
+        let mut split = Self { fitted: Vec::new(), folds: Default::default(), lead_ins: Vec::new() };
         let (mut group, mut short) = (0, 0);
         for segment in whole {
             let groups = segment.steps / (3 * block);
             if groups == 0 && segment.steps >= LEAST_STEPS {
                 if taken(MOST_STEPS, short / 3) {
                     split.folds[short % 3].push(segment.clone());
-                    split
-                        .led
-                        .extend((short % 3 == HELD_OUT).then(|| Led { segment: segment.clone(), lead: 0 }));
+                    split.lead_ins.extend(
+                        (short % 3 == HELD_OUT).then(|| LeadIn { segment: segment.clone(), lead: 0 }),
+                    );
                 }
                 if taken(MOST_FITTED_STEPS, short / 3) {
                     split.fitted.extend((short % 3 < 2).then(|| segment.clone()));
@@ -226,7 +226,7 @@ impl Split {
                     }
                     let lead = ((LEAD_S / segment.period_s).ceil() as usize).min(cuts[HELD_OUT]);
                     let segment = part(segment, cuts[HELD_OUT] - lead, cuts[HELD_OUT + 1]);
-                    split.led.push(Led { segment, lead });
+                    split.lead_ins.push(LeadIn { segment, lead });
                 }
                 group += 1;
             }

@@ -9,7 +9,7 @@ use crate::identify::Segment;
 pub struct Parts<'p> {
     pair: &'p Pair,
     horizons: &'p [usize],
-    equations: Vec<LeastSquares>,
+    equations: Vec<Vec<LeastSquares>>,
 }
 
 impl<'p> Parts<'p> {
@@ -28,9 +28,10 @@ impl<'p> Parts<'p> {
     pub fn errors(&self, part: usize, at: usize, with_input: bool) -> Option<Vec<f64>> {
         let (pair, horizon, lags) = (self.pair, self.horizons[at], lags(self.pair.period_s));
         let inputs = if with_input { lags } else { 0 };
-        let others = self.equations.iter().enumerate().filter(|(other, _)| *other != part).map(|(_, e)| e);
+        let others =
+            self.equations.iter().enumerate().filter(|(other, _)| *other != part).map(|(_, e)| &e[at]);
         let others = others.cloned().reduce(|a, b| a.with(&b))?;
-        let found = Regression::solved(lags, inputs, others.part(lags + inputs, at))?;
+        let found = Regression::solved(lags, inputs, others.part(lags + inputs))?;
         let from = |s: &Segment| starts(s, warm(pair, horizon), horizon);
         let error = |s: &Segment, k: usize| {
             found.predict(s, k).map_or(f64::NAN, |predicted| s.outputs[k + horizon] - predicted[0])

@@ -78,11 +78,11 @@ impl LeastSquares {
         Self { information: &self.information + &other.information, right: &self.right + &other.right }
     }
 
-    /// Those of the first regressors and of one predicted value.
-    pub fn part(&self, regressors: usize, value: usize) -> Self {
+    /// Those of the first regressors.
+    pub fn part(&self, regressors: usize) -> Self {
         Self {
             information: self.information.view((0, 0), (regressors, regressors)).into_owned(),
-            right: self.right.view((0, value), (regressors, 1)).into_owned(),
+            right: self.right.rows(0, regressors).into_owned(),
         }
     }
 
@@ -114,32 +114,45 @@ impl Regression {
         inputs: usize,
         ahead: Ahead,
     ) -> Option<Self> {
-        Self::solved(outputs, inputs, Self::equations(segments, outputs, inputs, &[ahead]))
+        let [equations] = Self::equations(segments, outputs, inputs, &[ahead]).try_into().ok()?;
+        Self::solved(outputs, inputs, equations)
     }
 
-    /// Normal equations of regressions on the same past, at steps at which all targets are known.
+    /// Normal equations of regressions on the same past, one for each target, of the steps at which it is known. Products of
+    /// the regressors are summed once, and those of the few steps at which a target is missing are taken off again.
     pub fn equations<'s>(
         segments: impl IntoIterator<Item = &'s Segment>,
         outputs: usize,
         inputs: usize,
         ahead: &[Ahead],
-    ) -> LeastSquares {
-        let values = ahead.iter().map(Ahead::count).sum();
+    ) -> Vec<LeastSquares> {
+        let n = outputs + inputs;
         let past = Self { outputs, inputs, coefficients: DMatrix::zeros(0, 0) };
-        let mut equations = LeastSquares::new(outputs + inputs, values);
-        let mut target = Vec::with_capacity(values);
+        let mut all = DMatrix::zeros(n, n);
+        let mut equations: Vec<LeastSquares> =
+            ahead.iter().map(|a| LeastSquares::new(n, a.count())).collect();
         for s in segments {
             for k in 0..s.steps {
-                target.clear();
-                target.extend(ahead.iter().filter_map(|a| a.of(s, k)).flatten().copied());
-                if target.len() < values || !target.iter().all(|v| v.is_finite()) {
+                let known = |a: &Ahead| a.of(s, k).filter(|target| target.iter().all(|v| v.is_finite()));
+                if ahead.iter().all(|a| known(a).is_none()) {
                     continue;
                 }
-                if let Some(row) = past.row(s, k) {
-                    equations.add(&row, &target);
+                let Some(row) = past.row(s, k) else { continue };
+                all.ger(1.0, &row, &row, 1.0);
+                for (equations, target) in equations.iter_mut().zip(ahead.iter().map(known)) {
+                    match target {
+                        Some(target) => equations.right.ger(
+                            1.0,
+                            &row,
+                            &DVectorView::from_slice(target, target.len()),
+                            1.0,
+                        ),
+                        None => equations.information.ger(-1.0, &row, &row, 1.0),
+                    }
                 }
             }
         }
+        equations.iter_mut().for_each(|e| e.information += &all);
         equations
     }
 

@@ -3,7 +3,6 @@
 use super::error::DraftError;
 use super::names::{bare, last_part, valid_name, vehicle_name, words};
 use super::presets::{CONTROLS, FAMILIES, Family, INTEGRALS, Known, MEASURED_UNITS, NONLINEAR_INPUTS};
-use super::turns::in_degrees;
 
 /// A signal in a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -171,7 +170,6 @@ fn known_outputs(family: &Family, offered: &[Offered]) -> Vec<Chosen> {
         let best = there.iter().find(|(_, o)| o.rate_hz.is_none_or(|rate| rate >= 0.5 * fastest));
         all.extend(best.map(|(source, signal)| known(name, source, signal, family)));
     }
-    in_degrees(&mut all, offered);
     // One output suffices for the vertical axis.
     if all.iter().any(|c| c.name == "vertical_acceleration") {
         all.retain(|c| c.name != "vertical_speed");

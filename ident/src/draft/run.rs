@@ -18,6 +18,7 @@ use super::reading::{open, read_chosen};
 use super::select::answers_the_input;
 use super::structure::{Actuators, Signals};
 use super::survey::{Link, check_motors, fast_enough, link, moves, or_too_slow};
+use super::turns::in_degrees;
 
 /// Shortest step of a fit, s: the motion of a vehicle is slower than a gyroscope's sampling.
 const SHORTEST_STEP_S: f64 = 0.004;
@@ -41,7 +42,10 @@ pub fn draft(
     observe("looking for inputs and outputs");
     let time = names.time.as_deref();
     let opened = open(path, time)?;
-    let proposal = propose(&log, &opened.offered, opened.clocks, &names.choice)?;
+    let mut proposal = propose(&log, &opened.offered, opened.clocks, &names.choice)?;
+    if names.choice.outputs.is_empty() {
+        in_degrees(&mut proposal.outputs, &opened.offered);
+    }
     let made = |proposal: &Proposal| from_proposal(path, (&log, names), proposal, part, observe);
     let found = made(&proposal);
     let unexplained = matches!(

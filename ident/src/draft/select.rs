@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
 use super::ahead::{Inputs, forecasts};
-use super::blocks::{Led, Pair, warm};
+use super::blocks::{LeadIn, Pair, warm};
 use super::error::DraftError;
 use super::own_past::{Ahead, Memory, Regression, compare, lags, starts, takes_away};
 use super::structure::{Signals, Structure};
@@ -227,7 +227,7 @@ fn held_out_errors(fit: &Fit, pair: &Pair, horizon: usize) -> Option<(Vec<f64>, 
         fitted.iter().flat_map(|f| f.errors.iter().map(|(k, error)| (&f.innovations[..=*k], *error)));
     let memory = Memory::fit(fitted, lags)?;
     let (mut alone, mut completed) = (Vec::new(), Vec::new());
-    for (s, Led { segment, lead }) in pair.held().iter().zip(&pair.led) {
+    for (s, LeadIn { segment, lead }) in pair.held().iter().zip(&pair.lead_ins) {
         let from = starts(s, warm, horizon).into_iter().map(|k| lead + k).collect();
         let Forecasts { innovations, errors } = made(segment, from)?;
         for (k, error) in errors {

@@ -51,10 +51,12 @@ mod tests {
         };
         let mut log =
             [("roll", None), ("yaw", None), ("pitch", Some("rad")), ("gx", None), ("u1", None)].map(column);
-        let sources = |log: &[Offered]| {
-            let found = propose("x.csv", log, false, &Choice::default()).unwrap();
-            found.outputs.into_iter().map(|c| c.source).collect::<Vec<_>>()
+        let outputs = |log: &[Offered]| {
+            let mut found = propose("x.csv", log, false, &Choice::default()).unwrap().outputs;
+            in_degrees(&mut found, log);
+            found
         };
+        let sources = |log: &[Offered]| outputs(log).into_iter().map(|c| c.source).collect::<Vec<_>>();
         let largest = |log: &mut [Offered], values: [f64; 4]| {
             log.iter_mut().zip(values).for_each(|(o, v)| o.largest = Some(v));
         };
@@ -62,7 +64,7 @@ mod tests {
         assert_eq!(sources(&log), ["gx[rad/s]", "roll[rad]", "pitch", "yaw[rad]"]);
         largest(&mut log, [41.0, 20.0, 1.5, 210.0]);
         assert_eq!(sources(&log), ["gx[deg/s]", "roll[deg]", "pitch", "yaw[deg]"]);
-        let found = propose("x.csv", &log, false, &Choice::default()).unwrap();
-        assert!(found.outputs[1].why.ends_with("in deg, as roll reaches 41, too much for rad"), "{found:?}");
+        let found = outputs(&log);
+        assert!(found[1].why.ends_with("in deg, as roll reaches 41, too much for rad"), "{found:?}");
     }
 }

@@ -149,6 +149,7 @@ fn an_angle_is_modelled_where_its_rate_is_not() {
     // Held-out parts begin in the middle of a motion, with the motor at a thrust that no output shows: a filter that does not
     // know it forecasts badly with the true structure, and well with a delay that does not exist.
     assert_eq!(found.axes[0].words, "second order with lag", "{}", found.text());
+    assert_eq!(found.axes[0].intersample, "zoh", "a command that changes in steps is held: {}", found.text());
     let (stiffness, gain) = (parameter(&found, "A[2,1]"), parameter(&found, "B[2,1]"));
     assert!((stiffness / -36.0 - 1.0).abs() < 0.01 && (gain / 12.0 - 1.0).abs() < 0.02, "{}", found.text());
     assert!((parameter(&found, "actuator_lag") / 0.2 - 1.0).abs() < 0.03, "{}", found.text());
