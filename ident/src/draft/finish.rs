@@ -40,6 +40,9 @@ pub struct Names {
 }
 
 /// Combines the axes and writes the text of the vehicle file.
+///
+/// # Errors
+/// [`DraftError`], when the vehicle or its file does not hold together, which means a mistake in this room.
 pub fn finish(
     log: &str,
     names: &Names,

@@ -95,7 +95,8 @@ pub struct Px4 {
     state: Due,
     heartbeat: Due,
     ask_checks: Due,
-    event: Option<Event>,
+    /// A restart, and the newest outputs since: several messages may be read at once.
+    events: [Option<Event>; 2],
     /// Messages of PX4 to all, on a line on which it speaks to its ground station as well.
     heard: Heard,
     station: Station,
@@ -137,7 +138,7 @@ impl Px4 {
             state: Due::default(),
             heartbeat: Due::default(),
             ask_checks: Due::default(),
-            event: None,
+            events: [None; 2],
             heard: Heard::new("PX4"),
             station,
             notes: Notes::default(),
@@ -168,7 +169,7 @@ impl Px4 {
         };
         if self.controlled.is_some_and(rebooted) {
             self.controlled = None;
-            self.event = Some(Event::Restarted);
+            self.events = [Some(Event::Restarted), None];
             return true;
         }
         // A time that does not advance is that of a stopped autopilot, or of a replayed message.
@@ -188,7 +189,7 @@ impl Px4 {
         self.controlled = Some((controls.time_usec, now));
         self.answered |= !lockstep || self.sensed.is_some_and(|sensed| controls.time_usec >= sensed);
         self.counts.outputs += 1;
-        self.event = Some(Event::Outputs(Outputs { values, beyond, armed: Some(armed) }));
+        self.events[1] = Some(Event::Outputs(Outputs { values, beyond, armed: Some(armed) }));
         true
     }
 
@@ -272,7 +273,7 @@ impl Autopilot for Px4 {
     }
 
     fn next(&mut self) -> Option<Event> {
-        self.event.take()
+        self.events.iter_mut().find_map(Option::take)
     }
 
     fn sense(&mut self, sensors: &Sensors, rc: &Rc, now: Duration, send: &mut Send<'_>) {

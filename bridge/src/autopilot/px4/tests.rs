@@ -219,6 +219,20 @@ fn a_board_that_rebooted_on_its_line_is_recognised_and_a_replay_is_not() {
 }
 
 #[test]
+fn a_reboot_is_told_also_where_further_outputs_are_read_at_once() {
+    let mut bench = Bench::new(Px4Options::default());
+    let old = bench.bytes(&controls(60_000_000, 0.5, true, false));
+    assert!(bench.receive(&old).is_some());
+    bench.now += Duration::from_secs(1);
+    let late: Vec<u8> =
+        [0, 4000, 8000].iter().flat_map(|us| bench.bytes(&controls(*us, 0.25, false, false))).collect();
+    bench.px4.receive(0, &late, bench.now, &mut |_, _| {});
+    assert_eq!(bench.px4.next(), Some(Event::Restarted));
+    assert!(matches!(bench.px4.next(), Some(Event::Outputs(outputs)) if outputs.values[0] == 0.25));
+    assert_eq!(bench.px4.next(), None);
+}
+
+#[test]
 fn px4_says_in_words_why_it_does_not_arm() {
     let mut bench = Bench::new(Px4Options::default());
     let text = "Arming denied: not ready".into();
