@@ -102,17 +102,19 @@ fn the_check_says_which_axis_ardupilot_has_turned() -> Outcome {
     Ok(())
 }
 
-/// Result of `bridge check` on the armed stand-in for Betaflight, with this yaw demand per yaw rate.
-fn check_of_armed_betaflight(more: &[&str]) -> Result<(i32, String), Missing> {
+/// Options of a check that arms a stand-in, which starts quickly.
+const ARMED: &[&str] = &["--set=bridge.rc.grace_s=2.0", "--arm"];
+
+/// Result of `bridge check`, with these options, on the stand-in for Betaflight with those.
+fn check_of_betaflight(more: &[&str], of_check: &[&str]) -> Result<(i32, String), Missing> {
     let (ports, msp): ([u16; 4], _) = (std::array::from_fn(|_| free_udp()), free_tcp().to_string());
     let options = ["REPORT", "--msp", &msp].into_iter().chain(more.iter().copied()).map(String::from);
     let arguments: Vec<String> = ports.iter().map(ToString::to_string).chain(options).collect();
-    let options = [
+    let mut options = vec![
         format!("--set=bridge.betaflight.ports={ports:?}"),
-        "--set=bridge.rc.grace_s=2.0".into(),
         format!("--telemetry=tcpout://127.0.0.1:{msp}"),
-        "--arm".into(),
     ];
+    options.extend(of_check.iter().map(ToString::to_string));
     let launch = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/betaflight/flight.toml");
     check("betaflight.py", &arguments, launch, &options)
 }
@@ -123,7 +125,7 @@ fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() -> Outcome {
     for (more, exit, push_back, silent) in
         [(&["--yaw", "0.5"][..], 0, 6, 0), (&["--yaw", "0.0", "--deaf"], 1, 4, 2)]
     {
-        let (code, said) = check_of_armed_betaflight(more)?;
+        let (code, said) = check_of_betaflight(more, ARMED)?;
         assert_eq!(code, exit, "{said}");
         has_verdicts(&said, "ok roll: +17.2\nok pitch: -34.4\nok yaw: +17.2");
         assert_eq!(said.matches("they push back").count(), push_back, "{said}");
@@ -134,9 +136,16 @@ fn the_check_arms_betaflight_when_asked_to_and_sees_it_push_back() -> Outcome {
 
 fn a_check_on_a_busy_computer_tilts_again_what_it_did_not_see() -> Outcome {
     // The stand-in stands still in its first tilt, is disarmed for that, and is armed again.
-    let (code, said) = check_of_armed_betaflight(&["--yaw", "0.5", "--stopped", "2.5"])?;
+    let (code, said) = check_of_betaflight(&["--yaw", "0.5", "--stopped", "2.5"], ARMED)?;
     assert_eq!(code, 0, "{said}");
     assert_eq!(said.matches("they push back").count(), 6, "{said}");
+    Ok(())
+}
+
+fn a_check_of_an_autopilot_that_ends_says_so_at_once() -> Outcome {
+    let (code, said) = check_of_betaflight(&["--dies", "2.0"], &[])?;
+    assert_eq!((code, said.matches("Betaflight sends no outputs any more").count()), (1, 1), "{said}");
+    assert!(!said.contains("pitch: "), "nothing is said of the other axes: {said}");
     Ok(())
 }
 
@@ -378,6 +387,7 @@ whirlstand_test_harness::listed!(
     the_check_says_which_axis_ardupilot_has_turned,
     the_check_arms_betaflight_when_asked_to_and_sees_it_push_back,
     a_check_on_a_busy_computer_tilts_again_what_it_did_not_see,
+    a_check_of_an_autopilot_that_ends_says_so_at_once,
     px4s_side_of_mavlink_hil_flies_in_lockstep,
     px4s_side_of_mavlink_hil_flies_freely_at_500_hz,
     an_autopilot_that_connects_again_is_told_and_the_plant_is_in_failsafe_meanwhile,

@@ -1,12 +1,13 @@
 """A stand-in for Betaflight's software-in-the-loop build, strict about pace, layout and arming.
 
     betaflight.py RAW MOTORS STATE CHANNELS REPORT [--msp PORT] [--blocked FLAGS] [--no-switch] [--deaf]
-                  [--stopped SECONDS]
+                  [--stopped SECONDS] [--dies SECONDS]
 
 Its clock runs at the ratio of told to wall time between the last two states, as Betaflight's does; it arms after its boot grace on AUX 1 going
 from low to high at low throttle. `--msp`: tells its attitude there, over TCP, and
 its arming flags; `--blocked`: with these it is never armed. `--no-switch`: fresh settings, in which no switch arms it.
 `--stopped`: a second after it is first armed, the whole process stands still for this time, as on a busy computer.
+`--dies`: it ends so long after it felt a tilt.
 """
 
 import argparse
@@ -78,6 +79,7 @@ def main():
     parser.add_argument("--no-switch", action="store_true")
     parser.add_argument("--yaw", type=float, default=0.0, help="demand per yaw rate, s/rad")
     parser.add_argument("--stopped", type=float, default=0.0)
+    parser.add_argument("--dies", type=float)
     args = parser.parse_args()
     report = flight.Report(args.report)
     report["disarmed"] = False
@@ -93,6 +95,7 @@ def main():
     began = None
     if args.msp:
         threading.Thread(target=tell, args=(args.msp, attitude, args.blocked, not args.no_switch, args.deaf), daemon=True).start()
+    tilted_at = None
     armed, seen_low, aux, throttle = False, False, 1000, 1000
     report["rates"] = []
     report["armed_at"] = report["rc"] = None
@@ -149,6 +152,11 @@ def main():
         report.demand(400 < f[16] < 600 and 90_000 < f[17] < 101_325, f"height {f[16]}, pressure {f[17]}")
         last, last_wall = f[0], now
         attitude.step(gyro, accel, dt)
+        if tilted_at is None and abs(attitude.roll) > 0.1:
+            tilted_at = now
+        if args.dies is not None and tilted_at is not None and now - tilted_at > args.dies:
+            report.write()
+            return
         thrust = armed and throttle > 1200
         yaw = -args.yaw * gyro[2]
         fr, rl, fl, rr = flight.quad_x(*flight.level(attitude, gyro), yaw) if thrust else [0.055 if armed else 0.0] * 4

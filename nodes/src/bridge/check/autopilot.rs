@@ -155,8 +155,8 @@ pub fn check_autopilot(
     }
     let armed = options.arm && has_motors && check.arm(options);
     for axis in 0..AXES.len() {
-        if leveled || armed {
-            check.axis(axis, leveled, armed, options.timeout);
+        if (leveled || armed) && !check.axis(axis, leveled, armed, options.timeout) {
+            break;
         }
     }
     check.disarm();

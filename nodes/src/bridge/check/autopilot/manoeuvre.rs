@@ -44,14 +44,23 @@ impl Tilt {
 
 impl Check<'_> {
     /// Tilts the vehicle about `axis` in both directions, and says what the attitude (when `leveled`) and the
-    /// outputs (when `armed`) did. An autopilot that is disarmed meanwhile has until `limit` to be armed again.
-    pub(super) fn axis(&mut self, axis: usize, leveled: bool, armed: bool, limit: Duration) {
+    /// outputs (when `armed`) did. An autopilot that is disarmed meanwhile has until `limit` to be armed again; false
+    /// for one whose outputs have ended, of which nothing more can be said.
+    pub(super) fn axis(&mut self, axis: usize, leveled: bool, armed: bool, limit: Duration) -> bool {
         let mut from = 0.0;
         for to in [TILT, -TILT] {
             let mut tilt = self.tilt(axis, from, to, leveled);
             for _ in 1..TRIES {
                 if tilt.counts(armed) {
                     break;
+                }
+                if self.until(SILENCE, |check| check.flight.is_fresh(check.now()).then_some(())).is_none() {
+                    let autopilot = self.name;
+                    (self.say)(Finding::Wrong(format!(
+                        "{}: {autopilot} sends no outputs any more",
+                        AXES[axis].0
+                    )));
+                    return false;
                 }
                 self.tilt(axis, to, from, leveled);
                 if armed {
@@ -63,6 +72,7 @@ impl Check<'_> {
             from = to;
         }
         self.tilt(axis, from, 0.0, leveled);
+        true
     }
 
     fn tilt(&mut self, axis: usize, from: f64, to: f64, leveled: bool) -> Tilt {
