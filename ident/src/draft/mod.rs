@@ -1,6 +1,6 @@
 //! A first vehicle file from a record: signals by name and unit, structures by predictions of held-out data.
 //!
-//! - [`presets`] and [`proposal`]: selection of inputs and outputs among the signals of a log; [`reading`]:
+//! - [`presets`], [`controls`] and [`proposal`]: selection of inputs and outputs among the signals of a log; [`reading`]:
 //!   their record; [`turns`]: degrees or radians.
 //! - [`blocks`]: fitted and held-out data; [`own_past`], [`cross_validation`] and [`survey`]: inputs that explain an output better
 //!   than its own past, and refusals.
@@ -15,6 +15,7 @@ mod answer;
 mod blocks;
 mod comments;
 mod compose;
+mod controls;
 mod cross_validation;
 mod error;
 mod feedback;

@@ -1,8 +1,9 @@
 //! Proposes which signals of a log are inputs and outputs, by name and by unit.
 
+use super::controls;
 use super::error::DraftError;
-use super::names::{bare, last_part, valid_name, vehicle_name, words};
-use super::presets::{CONTROLS, FAMILIES, Family, INTEGRALS, Known, MEASURED_UNITS, NONLINEAR_INPUTS};
+use super::names::{bare, last_part, valid_name, vehicle_name};
+use super::presets::{FAMILIES, Family, INTEGRALS, Known, NONLINEAR_INPUTS};
 
 /// A signal in a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -182,14 +183,9 @@ fn motors(family: &Family, offered: &[Offered]) -> Vec<Chosen> {
     signals.enumerate().map(|(i, s)| known(&format!("motor_{}", i + 1), &("", ""), s, family)).collect()
 }
 
-/// Groups of signals with names of control signals, each signal in the first that its name fits.
+/// Groups of signals with names of control signals, each signal in the first that its name fits; references of loops last.
 fn steering(offered: &[Offered], clocks: bool) -> Vec<Vec<Chosen>> {
-    let group = |o: &Offered| {
-        let name = last_part(&o.name);
-        let words = words(name);
-        let measured = o.unit.as_deref().is_some_and(|unit| MEASURED_UNITS.contains(&unit));
-        CONTROLS.iter().position(|names| !measured && names.fit(name, &words))
-    };
+    let group = |o: &Offered| controls::group(last_part(&o.name), o.unit.as_deref());
     let chosen = |o: &Offered| Chosen {
         name: vehicle_name(&o.name, clocks),
         source: o.name.clone(),
@@ -198,7 +194,7 @@ fn steering(offered: &[Offered], clocks: bool) -> Vec<Vec<Chosen>> {
     };
     let of =
         |index: usize| offered.iter().filter(|o| alive(o) && group(o) == Some(index)).map(chosen).collect();
-    (0..CONTROLS.len()).map(of).collect()
+    (0..controls::GROUPS).map(of).collect()
 }
 
 /// Signals in a unit of angular rate.
