@@ -60,11 +60,21 @@ impl Noise {
     /// The declared noise of a sensor is a prior: the logarithm of its standard deviation is normally
     /// distributed. Without it, an autoregressive model takes any offset for slow noise at hardly any cost.
     pub fn fit(data: &Data, residual: &[f64]) -> Profile {
+        // A wander of any size would explain any slow misfit: it is noise where the size of the noise is known.
+        Self::fit_where(data, residual, |channel| is_declared(data, channel))
+    }
+
+    /// [`Noise::fit`] as if the zero of every sensor could wander.
+    pub fn fit_wandering(data: &Data, residual: &[f64]) -> Profile {
+        Self::fit_where(data, residual, |_| true)
+    }
+
+    /// Fits the noise model, where a zero may wander in some channels.
+    fn fit_where(data: &Data, residual: &[f64], may_wander: impl Fn(&Channel) -> bool + Sync) -> Profile {
         let ranges = data.ranges();
         let models = over_channels(data, |c| {
             let (channel, r) = (&data.channels[c], &residual[ranges[c].clone()]);
-            // A wander of any size would explain any slow misfit: it is noise where the size of the noise is known.
-            let noise = ChannelNoise::fit(r, is_declared(data, channel));
+            let noise = ChannelNoise::fit(r, may_wander(channel));
             let mut white = vec![0.0; r.len()];
             noise.filter(r, &mut white);
             let (mut sum, mut power, mut rows) = (0.0, 0.0, 0usize);

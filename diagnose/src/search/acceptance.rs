@@ -3,6 +3,7 @@
 use crate::candidates::library::Candidate;
 use crate::model::columns::dot;
 use crate::model::fit::{Fit, Model};
+use crate::model::noise::Noise;
 use crate::model::score_test::{ScoreTest, cosine};
 use crate::search::alternative::Alternative;
 use crate::search::cross_validation::held_out_gain;
@@ -122,8 +123,22 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
             "on held-out data it gains {heldout:.1} standard errors; at least 2 is required"
         ));
     }
+    if gain_if_zeros_wander(model, fit, &extended, k) < MIN_BIC_GAIN {
+        return Decision::Undetermined("a sensor whose zero wanders explains as much".into());
+    }
     let detectability = detectability(model, fit, alternative).unwrap_or(0.0);
     Decision::Accepted(TermEvidence { delta_bic, heldout, p_value, detectability })
+}
+
+/// Gain in BIC where the zeros of all sensors may wander, also of those whose noise is not declared: a cause is weighed
+/// against the stochastic level beside which it would be seen (de Jong and Penzer, Diagnosing shocks in time series, 1998).
+fn gain_if_zeros_wander(model: &Model<'_, '_>, fit: &Fit, extended: &Fit, parameters: usize) -> f64 {
+    if fit.profile.noise.given {
+        return f64::INFINITY;
+    }
+    let data = model.free_run.data;
+    let bic = |residual: &[f64], parameters| Noise::fit_wandering(data, residual).bic(parameters);
+    bic(&fit.residual, 0) - bic(&extended.residual, parameters)
 }
 
 /// Signature of a fitted candidate: change of the samples at its values, other values fixed.

@@ -1,7 +1,9 @@
 //! Stepwise selection of causes: added one by one, exchanged for better ones, removed when the others
 //! suffice.
 
-use crate::thresholds::{FOUND_AGAIN_SHARE, MAX_EXCHANGES, MIN_BIC_GAIN, OVERSHADOWED_BIC, RIDER_SHARE};
+use crate::thresholds::{
+    FOUND_AGAIN_SHARE, MAX_EXCHANGES, MAX_GUSTS, MIN_BIC_GAIN, OVERSHADOWED_BIC, RIDER_SHARE,
+};
 use whirlstand_vehicle::Kind;
 
 use crate::candidates::library::Candidate;
@@ -102,11 +104,11 @@ impl Search<'_, '_, '_> {
                 overshadowing = overshadowing.max(alternative.delta_bic);
             }
             match decision {
-                Decision::Accepted(_) if room(&self.model, &alternative.candidate, self.space.most) => {
+                Decision::Accepted(_) if room(&self.model.terms, &alternative.candidate, self.space.most) => {
                     best = Some(alternative);
                 }
                 Decision::Accepted(_) => {
-                    let why = format!("{} causes, the maximum, were already found", self.space.most);
+                    let why = "as many causes of this kind as are looked for were already found".into();
                     self.refuse(alternative, why);
                 }
                 Decision::Undetermined(why) => {
@@ -335,8 +337,32 @@ fn is_event(candidate: &Candidate) -> bool {
 }
 
 /// True when one more cause may be named. Harmonics and aliases make several tones of one narrow-band noise:
-/// tones are counted separately.
-fn room(model: &Model<'_, '_>, candidate: &Candidate, most: usize) -> bool {
+/// tones are counted separately. Many forces on one state are a random one.
+fn room(terms: &[Candidate], candidate: &Candidate, most: usize) -> bool {
     let tone = |c: &Candidate| matches!(c.kind, Kind::Vibration | Kind::PeriodicDisturbance);
-    model.terms.iter().filter(|t| tone(t) == tone(candidate)).count() < most
+    let gust = |c: &Candidate| is_event(c) || c.kind == Kind::PeriodicDisturbance;
+    let beside = terms.iter().filter(|t| gust(t) && t.place == candidate.place);
+    if gust(candidate) && beside.count() >= MAX_GUSTS {
+        return false;
+    }
+    terms.iter().filter(|t| tone(t) == tone(candidate)).count() < most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Gusts of one record were taken for ten pushes and tones, which took four minutes.
+    #[test]
+    fn many_pushes_on_one_state_are_not_looked_for() {
+        let of = |kind, place| Candidate::bare(kind, place);
+        let rate = |kind| of(kind, "rate");
+        let gusts =
+            [rate(Kind::PulseDisturbance), rate(Kind::StepDisturbance), rate(Kind::PeriodicDisturbance)];
+        for kind in [Kind::PulseDisturbance, Kind::StepDisturbance, Kind::PeriodicDisturbance] {
+            assert!(room(&gusts[1..], &rate(kind), 5) && room(&gusts, &of(kind, "angle"), 5));
+            assert!(!room(&gusts, &rate(kind), 5));
+        }
+        assert!(room(&gusts, &rate(Kind::QuadraticDrag), 3) && !room(&gusts, &rate(Kind::QuadraticDrag), 2));
+    }
 }

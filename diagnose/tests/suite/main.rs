@@ -6,3 +6,4 @@ mod diagnose_together;
 mod flight_records;
 mod screen;
 mod support;
+mod wandering_zeros;
