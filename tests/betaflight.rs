@@ -2,7 +2,7 @@
 //! the harness, or named by WHIRLSTAND_BETAFLIGHT_SITL.
 
 use std::io::{Read, Write};
-use std::net::TcpStream;
+use std::net::{TcpStream, UdpSocket};
 use std::path::Path;
 use std::process::Command;
 use std::sync::{Mutex, PoisonError};
@@ -25,20 +25,25 @@ const PORT: &str = "127.0.0.1:5761";
 const ASKED: &[u8] = b"$M<\x00\x01\x01";
 const ANSWERED: &[u8] = b"$M>";
 
+/// Port at which Betaflight receives the sensors, and the one at which it expects whoever moves the motors.
+const SENSORS: &str = "127.0.0.1:9003";
+const MOTORS: &str = "127.0.0.1:9002";
+
 /// Starts the program in a folder of its own for its settings, and again until it answers. About one start in fifty
 /// ends with a port that is bound and never served: the thread that serves its sockets releases those that are closed,
 /// and one that the main thread has made and not yet opened is closed too (`dyad_newStream`, `destroyClosedStreams`).
+/// That may be a socket of the sensors or of the motors as well.
 fn betaflight(program: &Path, folder: &Path) -> Running {
     let until = Instant::now() + HUNG;
     loop {
         let mut command = Command::new(program);
         command.current_dir(folder);
         let running = spawn(command);
-        if answers(Instant::now() + Duration::from_secs(5)) {
+        if answers(Instant::now() + Duration::from_secs(5)) && moves_motors() {
             return running;
         }
-        assert!(Instant::now() < until, "Betaflight never answers at {PORT}");
-        eprintln!("Betaflight does not answer at {PORT}, and is started again");
+        assert!(Instant::now() < until, "Betaflight never answers at {PORT} and {SENSORS}");
+        eprintln!("Betaflight does not answer at {PORT} and {SENSORS}, and is started again");
     }
 }
 
@@ -59,6 +64,16 @@ fn answers(until: Instant) -> bool {
         }
     }
     false
+}
+
+/// Whether Betaflight answers the sensors of a vehicle at rest: it does so at once after half a second of silence.
+fn moves_motors() -> bool {
+    let link = UdpSocket::bind(MOTORS).unwrap();
+    link.set_read_timeout(Some(Duration::from_millis(600))).unwrap();
+    // Time, rates, accelerations, quaternion, velocity, position, pressure: `fdm_packet`.
+    let mut packet = [0; 18 * 8];
+    packet[7 * 8..8 * 8].copy_from_slice(&1.0f64.to_le_bytes());
+    (0..5).any(|_| link.send_to(&packet, SENSORS).is_ok() && link.recv(&mut [0; 64]).is_ok())
 }
 
 /// Types into Betaflight's command line and reads up to the next prompt, or to the end; whether the prompt came.
