@@ -157,7 +157,7 @@ pub(crate) const SAME_SIGNATURE_COSINE: f64 = 0.95;
 pub(crate) const RIVAL_BIC: f64 = 6.0;
 /// Largest number of causes named. Cost.
 pub(crate) const MAX_CAUSES: usize = 5;
-/// Largest number of pushes and tones on one state: with the parameters of more of them, any force has an expansion
+/// Largest number of pushes and periodic forces on one state: with the parameters of more of them, any force has an expansion
 /// (Karhunen and Loève), which is turbulence with two. A record of 12 s had ten, after four minutes.
 pub(crate) const MAX_GUSTS: usize = 3;
 /// Difference in BIC from which a candidate is not credible beside a better one that was refused. Three times

@@ -57,6 +57,11 @@ impl Candidate {
         }
     }
 
+    /// True for a force on one state that no input, state or output causes: each gust of turbulence is one.
+    pub fn is_gust(&self) -> bool {
+        matches!(self.kind, Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance)
+    }
+
     /// The effect with the given values; `None` when the table does not allow them.
     pub fn effect(&self, values: &[f64]) -> Option<Effect> {
         let tuned = self.tunables.iter().zip(values).map(|(t, v)| (t.name, *v));

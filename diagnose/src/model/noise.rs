@@ -64,9 +64,10 @@ impl Noise {
         Self::fit_where(data, residual, |channel| is_declared(data, channel))
     }
 
-    /// [`Noise::fit`] as if the zero of every sensor could wander.
-    pub fn fit_wandering(data: &Data, residual: &[f64]) -> Profile {
-        Self::fit_where(data, residual, |_| true)
+    /// [`Noise::fit`] as if the zero of every sensor could wander; `None` where it allows that of all anyway.
+    pub fn fit_wandering(data: &Data, residual: &[f64]) -> Option<Profile> {
+        let some = data.channels.iter().any(|channel| !is_declared(data, channel));
+        some.then(|| Self::fit_where(data, residual, |_| true))
     }
 
     /// Fits the noise model, where a zero may wander in some channels.

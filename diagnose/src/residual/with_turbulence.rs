@@ -8,7 +8,6 @@ use crate::thresholds::{
     CIRCULAR_SHIFTS, FORCE_SHARE_OF_TURBULENCE, MIN_TURBULENCE_BIC, RELATED_SIGMAS, SETTLED_SIZE_RATIO,
     TURBULENCE_PASSES,
 };
-use whirlstand_vehicle::Kind;
 
 use crate::candidates::library::Candidate;
 use crate::data::record::Data;
@@ -103,10 +102,7 @@ pub(crate) fn with_turbulence<'r, 'd>(
 /// is part of the turbulence of its state.
 fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) -> Option<Selection<'r, 'd>> {
     let place = state.map(|s| selection.model.free_run.vehicle.states[s].name.as_str());
-    let gust = |c: &Candidate| {
-        matches!(c.kind, Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance)
-            && place.is_none_or(|p| c.place == p)
-    };
+    let gust = |c: &Candidate| c.is_gust() && place.is_none_or(|p| c.place == p);
     selection.model.terms.iter().any(gust).then_some(())?;
     let mut calm = selection.clone();
     calm.keep(|c| !gust(c));

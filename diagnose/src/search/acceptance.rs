@@ -123,7 +123,7 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
             "on held-out data it gains {heldout:.1} standard errors; at least 2 is required"
         ));
     }
-    if gain_if_zeros_wander(model, fit, &extended, k) < MIN_BIC_GAIN {
+    if gain_if_zeros_wander(model, fit, &extended, k).is_some_and(|gain| gain < MIN_BIC_GAIN) {
         return Decision::Undetermined("a sensor whose zero wanders explains as much".into());
     }
     let detectability = detectability(model, fit, alternative).unwrap_or(0.0);
@@ -132,13 +132,15 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
 
 /// Gain in BIC where the zeros of all sensors may wander, also of those whose noise is not declared: a cause is weighed
 /// against the stochastic level beside which it would be seen (de Jong and Penzer, Diagnosing shocks in time series, 1998).
-fn gain_if_zeros_wander(model: &Model<'_, '_>, fit: &Fit, extended: &Fit, parameters: usize) -> f64 {
+/// `None` where they may anyway, or the noise is given.
+fn gain_if_zeros_wander(model: &Model<'_, '_>, fit: &Fit, extended: &Fit, parameters: usize) -> Option<f64> {
     if fit.profile.noise.given {
-        return f64::INFINITY;
+        return None;
     }
-    let data = model.free_run.data;
-    let bic = |residual: &[f64], parameters| Noise::fit_wandering(data, residual).bic(parameters);
-    bic(&fit.residual, 0) - bic(&extended.residual, parameters)
+    let bic = |fit: &Fit, parameters| {
+        Noise::fit_wandering(model.free_run.data, &fit.residual).map(|profile| profile.bic(parameters))
+    };
+    Some(bic(fit, 0)? - bic(extended, parameters)?)
 }
 
 /// Signature of a fitted candidate: change of the samples at its values, other values fixed.

@@ -340,9 +340,8 @@ fn is_event(candidate: &Candidate) -> bool {
 /// tones are counted separately. Many forces on one state are a random one.
 fn room(terms: &[Candidate], candidate: &Candidate, most: usize) -> bool {
     let tone = |c: &Candidate| matches!(c.kind, Kind::Vibration | Kind::PeriodicDisturbance);
-    let gust = |c: &Candidate| is_event(c) || c.kind == Kind::PeriodicDisturbance;
-    let beside = terms.iter().filter(|t| gust(t) && t.place == candidate.place);
-    if gust(candidate) && beside.count() >= MAX_GUSTS {
+    let beside = terms.iter().filter(|t| t.is_gust() && t.place == candidate.place);
+    if candidate.is_gust() && beside.count() >= MAX_GUSTS {
         return false;
     }
     terms.iter().filter(|t| tone(t) == tone(candidate)).count() < most
