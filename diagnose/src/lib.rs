@@ -26,7 +26,7 @@ pub use whirlstand_ident::watch::{Stage, Watch};
 
 use answer::compose;
 use data::limits::limits;
-use data::record::Channel;
+use data::record::{Channel, StateFilter};
 use model::free_run::FreeRun;
 use model::predictor::memories;
 use stages::baseline::Baseline;
@@ -110,7 +110,8 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     // longest memory. Colour that remains in the innovations is modelled anew beside every candidate.
     let longest = memories.iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds))?;
     loaded.options.watch.tell("fitting a filter to the record");
-    let best = over_commands(&loaded.remembering(longest.seconds, likeliest.seconds));
+    let filter = StateFilter::likeliest(loaded.vehicle, &Checked::new(loaded).data, likeliest);
+    let best = over_commands(&loaded.remembering(longest.seconds, likeliest.seconds, filter));
     let likelihood = best.likelihood?;
     // Named turbulence makes a free run a bad prediction and a good model.
     let plainly_likelier = free.likelihood.is_some_and(|l| l.bic_gain(&likelihood) < -MIN_BIC_GAIN);

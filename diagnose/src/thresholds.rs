@@ -144,6 +144,8 @@ pub(crate) const MAX_P_VALUE: f64 = 0.01;
 pub(crate) const MIN_HELD_OUT_SIGMAS: f64 = 2.0;
 /// Largest relative standard error of a size. A size is then more than three standard errors from zero.
 pub(crate) const MAX_RELATIVE_ERROR: f64 = 0.3;
+/// Standard deviations of chance beyond which two filters disagree about a size. Two-sided Gaussian tail of 3e-3.
+pub(crate) const DISAGREEMENT_SIGMAS: f64 = 3.0;
 /// A cause that gains less than this share of the largest gain may only correct the latter's shape: a
 /// response accurate to a seventh leaves a fiftieth of its energy. A cause whose residual has more, and is
 /// not noise, only resembles the truth.

@@ -281,7 +281,10 @@ fn hardly_testable(findings: &Findings<'_>, answer: &Diagnosis) -> bool {
 /// True when the vehicle makes the record no more likely than the same vehicle without commands.
 fn commands_tell_nothing(data: &Data, vehicle: &Vehicle) -> bool {
     let all: Vec<usize> = (0..data.m).collect();
-    gain_of_inputs(vehicle, data, &all).is_some_and(|gain| gain < MIN_BIC_GAIN)
+    let nothing = |gain: f64| gain < MIN_BIC_GAIN;
+    let filter = data.likeliest_filter.as_deref();
+    gain_of_inputs(vehicle, data, &all).is_some_and(nothing)
+        && filter.and_then(|filter| filter.gain_of_inputs(vehicle, data, &all)).is_none_or(nothing)
 }
 
 /// The verdict in one sentence. Of a search that was stopped early, that is said first.

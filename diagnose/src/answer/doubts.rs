@@ -9,7 +9,7 @@ use crate::answer::schema::Cause;
 use crate::candidates::Candidate;
 use crate::stages::findings::Findings;
 use crate::thresholds::{
-    AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, GREATEST_PHYSICAL_FACTOR, RIDER_SHARE, UNIT_RATIOS,
+    AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, EXPLAINED_SHARE, GREATEST_PHYSICAL_FACTOR, RIDER_SHARE, UNIT_RATIOS,
     WORSE_AHEAD_RATIO,
 };
 
@@ -30,7 +30,22 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
     if findings.baseline.data().memory_s.is_some() {
         doubts.extend(next_to_nothing(causes));
     }
+    if !causes.is_empty() {
+        doubts.extend(left_to_noise(&findings.gains.channels));
+    }
     doubts
+}
+
+/// Doubt about causes beside which undeclared noise has to explain nearly all of every output.
+fn left_to_noise(gains: &[Gain]) -> Option<String> {
+    let all =
+        gains.iter().all(|gain| gain.noise_model_share.is_some_and(|share| share > 1.0 - EXPLAINED_SHARE));
+    all.then(|| {
+        format!(
+            "beside them more than {:.0} % of every output is left to noise",
+            100.0 * (1.0 - EXPLAINED_SHARE)
+        )
+    })
 }
 
 /// Doubt about causes that explain next to nothing of what a filter that follows the record leaves.
@@ -145,6 +160,19 @@ mod tests {
         assert!(told.ends_with("over 0.200 s: fit of p 70.0 % -> 50.0 %"), "{told}");
         let lost = Gain { horizon: (score(0.3), Score::default()), ..gain(0.3, 0.3) };
         assert_eq!(doubt(&[lost]), None, "without samples");
+    }
+
+    #[test]
+    fn causes_that_leave_every_output_to_undeclared_noise_are_doubted() {
+        let gain = |noise_model_share| Gain {
+            free_run: None,
+            horizon: Default::default(),
+            floor: 0.01,
+            noise_model_share,
+        };
+        assert!(left_to_noise(&[gain(Some(0.95)), gain(Some(1.0))]).unwrap().contains("more than 90 %"));
+        assert_eq!(left_to_noise(&[gain(Some(0.95)), gain(Some(0.5))]), None, "one is predicted");
+        assert_eq!(left_to_noise(&[gain(Some(0.95)), gain(None)]), None, "declared noise is no explanation");
     }
 
     #[test]

@@ -68,8 +68,7 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
     let (data, vehicle) = (baseline.data(), baseline.vehicle());
     let selection = &residual.selection;
     let cut = ((1.0 - HELD_OUT_SHARE) * data.steps as f64) as usize;
-    let (asked, likeliest_s) =
-        (baseline.checked.loaded.options.horizon_s, baseline.checked.loaded.likeliest_s);
+    let (asked, likeliest_s) = (baseline.checked.loaded.options.horizon_s, data.likeliest_s);
     let horizon_s = asked.unwrap_or_else(|| default_horizon_s(vehicle, data, likeliest_s));
     let follows = data.memory_s.is_some();
     // To predict over a horizon, even a model fitted as a free run is corrected by the record up to then,

@@ -76,6 +76,8 @@ mod tests {
             clocks: vec![0],
             held: false,
             memory_s: None,
+            likeliest_s: None,
+            likeliest_filter: None,
             channels: Vec::new(),
         };
         let wave = |size: f64| -> Vec<f64> {

@@ -35,6 +35,8 @@ pub fn flown(vehicle: &Vehicle, inputs: Vec<f64>, seed: u64) -> Data {
         clocks: vec![0],
         held: false,
         memory_s: None,
+        likeliest_s: None,
+        likeliest_filter: None,
         channels: values.into_iter().enumerate().map(channel).collect(),
     }
 }

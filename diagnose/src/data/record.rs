@@ -1,6 +1,7 @@
 //! A record as a diagnosis uses it: inputs on an even grid, and every measured output as its own sequence.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use crate::thresholds::{FIRST_COMMAND_SHARE, MAX_SEARCHED_STEPS};
 use whirlstand_logs::{Record, repeated_every};
@@ -72,8 +73,21 @@ pub struct Data {
     /// Memory of the predictor, s: the time for which a filter with process noise remembers prediction
     /// errors. `None` for a free run, which is never corrected.
     pub memory_s: Option<f64>,
+    /// Memory of the most likely predictor that follows the records, s, where it was determined.
+    pub likeliest_s: Option<f64>,
+    /// The most likely filter of all that have a memory for each state, where it was determined.
+    pub likeliest_filter: Option<Arc<StateFilter>>,
     /// The outputs that were measured.
     pub channels: Vec<Channel>,
+}
+
+/// A filter that follows a record with a memory of its own for each state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StateFilter {
+    /// Whether a force that wanders is estimated on every state with dynamics, as further states after the vehicle's.
+    pub forced: bool,
+    /// Memories by state, s, those of forces included.
+    pub memories_s: Vec<f64>,
 }
 
 /// A multiple of the records' period at which all of them together are short enough to be searched in
@@ -112,6 +126,8 @@ impl Data {
             clocks: vec![segment.first_step],
             held: false,
             memory_s: None,
+            likeliest_s: None,
+            likeliest_filter: None,
             channels,
         })
     }

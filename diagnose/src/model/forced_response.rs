@@ -76,6 +76,8 @@ mod tests {
             clocks: vec![0, 0],
             held: false,
             memory_s: None,
+            likeliest_s: None,
+            likeliest_filter: None,
             channels: (0..4).map(channel).collect(),
         };
         let free_run = FreeRun::new(&vehicle, &data);

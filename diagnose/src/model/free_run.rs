@@ -55,7 +55,9 @@ impl<'d> FreeRun<'d> {
         let peak =
             |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
         let reach = |channel: &Channel| DIVERGED_RATIO * peak(&channel.values).max(f64::MIN_POSITIVE);
-        let observer = data.memory_s.and_then(|memory_s| Observer::new(&vehicle, data, memory_s));
+        let observer = data
+            .memory_s
+            .and_then(|memory_s| Observer::new(&vehicle, data, &vec![memory_s; vehicle.states.len()]));
         Self {
             data,
             reach: data.channels.iter().map(reach).collect(),
@@ -65,6 +67,13 @@ impl<'d> FreeRun<'d> {
             parts: Arc::default(),
             watch: None,
         }
+    }
+
+    /// The same of a record that is followed, by a filter with a memory of its own for each state, s; `None` where it cannot
+    /// follow the record.
+    pub fn following(self, memory_s: &[f64]) -> Option<Self> {
+        let observer = Observer::new(&self.vehicle, self.data, memory_s)?;
+        Some(Self { observer: Some(Arc::new(observer)), ..self })
     }
 
     /// True where the vehicle has no decoupled parts.

@@ -21,6 +21,7 @@ mod profile_interval;
 pub mod reach;
 pub mod score_test;
 pub mod sensitivities;
+pub mod state_filter;
 pub mod step_response;
 mod wander;
 pub(crate) mod wave;

@@ -31,7 +31,7 @@ impl Observer {
     ///
     /// `None` when the linear model has no finite discretisation or the filter's covariance grows without
     /// bound: an unstable and unobservable mode cannot be followed.
-    pub fn new(vehicle: &Vehicle, data: &Data, memory_s: f64) -> Option<Self> {
+    pub fn new(vehicle: &Vehicle, data: &Data, memory_s: &[f64]) -> Option<Self> {
         let (phi, _) = discretise(&vehicle.a, &vehicle.b, data.period_s).ok()?;
         let (n, p) = (vehicle.states.len(), data.channels.len());
         let c = DMatrix::from_fn(p, n, |i, j| vehicle.c[(data.channels[i].output, j)]);
@@ -129,14 +129,14 @@ fn driving(
     data: &Data,
     (phi, c): (&DMatrix<f64>, &DMatrix<f64>),
     noise: &[f64],
-    memory_s: f64,
+    memory_s: &[f64],
 ) -> Vec<f64> {
     let n = vehicle.states.len();
-    let steps = ((memory_s / data.period_s).round() as usize).max(1);
     let one = |state: usize| {
         if vehicle.kinematic_row(state).is_some() {
             return 0.0;
         }
+        let steps = ((memory_s[state] / data.period_s).round() as usize).max(1);
         let mut x = DVector::zeros(n);
         x[state] = 1.0;
         // Variance in each channel due to white process noise of variance one per step.

@@ -40,6 +40,7 @@ impl Part {
             origin: data.origin.clone(),
             starts: data.starts.clone(),
             clocks: data.clocks.clone(),
+            likeliest_filter: None,
             ..*data
         };
         let observer = observer.map(|whole| Arc::new(whole.of_part(&subsystem.states, &indices)));

@@ -40,11 +40,7 @@ impl Likelihood {
 
 /// All predictors that follow the record, the most likely first; empty where no filter can follow it.
 pub fn memories(vehicle: &Vehicle, data: &Data) -> Vec<Memory> {
-    let shortest = SHORTEST_MEMORY_STEPS * data.period_s;
-    let longest = MEMORY_RECORD_SHARE * data.duration_s();
-    let all =
-        std::iter::successors(Some(shortest), |m| Some(MEMORY_GROWTH * m)).take_while(|m| *m <= longest);
-    let mut found: Vec<Memory> = all.filter_map(|seconds| null(vehicle, data, seconds)).collect();
+    let mut found: Vec<Memory> = tried(data).filter_map(|seconds| null(vehicle, data, seconds)).collect();
     let each = |m: &Memory| m.likelihood.bic / m.likelihood.rows.max(1) as f64;
     found.sort_by(|a, b| each(a).total_cmp(&each(b)));
     found
@@ -53,6 +49,13 @@ pub fn memories(vehicle: &Vehicle, data: &Data) -> Vec<Memory> {
 /// The vehicle alone with a memory; `None` where no filter follows the record.
 fn null(vehicle: &Vehicle, data: &Data, seconds: f64) -> Option<Memory> {
     weigh(vehicle, data, Some(seconds), None).map(|likelihood| Memory { seconds, likelihood })
+}
+
+/// The memories that are tried, s.
+pub fn tried(data: &Data) -> impl Iterator<Item = f64> + use<> {
+    let shortest = SHORTEST_MEMORY_STEPS * data.period_s;
+    let longest = MEMORY_RECORD_SHARE * data.duration_s();
+    std::iter::successors(Some(shortest), |m| Some(MEMORY_GROWTH * m)).take_while(move |m| *m <= longest)
 }
 
 /// The vehicle alone with a memory, or as a free run without one, with given or fitted noise; `None` where it
@@ -83,12 +86,17 @@ pub fn gain_beside_declared(vehicle: &Vehicle, data: &Data, inputs: &[usize]) ->
 }
 
 fn gain_beside(vehicle: &Vehicle, data: &Data, inputs: &[usize], noise: Option<&Noise>) -> Option<f64> {
+    let likelihood = |data: &Data| weigh(vehicle, data, data.memory_s, noise);
+    Some(likelihood(&at_rest(vehicle, data, inputs))?.bic_gain(&likelihood(data)?))
+}
+
+/// The record with some inputs at rest.
+pub fn at_rest(vehicle: &Vehicle, data: &Data, inputs: &[usize]) -> Data {
     let mut still = data.clone();
     for row in still.inputs.chunks_exact_mut(data.m) {
         inputs.iter().for_each(|j| row[*j] = vehicle.inputs[*j].neutral());
     }
-    let likelihood = |data: &Data| weigh(vehicle, data, data.memory_s, noise);
-    Some(likelihood(&still)?.bic_gain(&likelihood(data)?))
+    still
 }
 
 /// The vehicle with an unknown force on each state that is not an integral of another. The filter estimates

@@ -117,6 +117,8 @@ mod tests {
             clocks: vec![0],
             held: false,
             memory_s: None,
+            likeliest_s: None,
+            likeliest_filter: None,
             channels,
         };
         let free_run = FreeRun::new(&vehicle, &data);

@@ -21,7 +21,7 @@ impl Responses {
     /// Responses of a filter with memory `memory_s`; the first `skip` steps of every record are left out, in
     /// which the initial state decays. `None` when no filter can follow the record.
     pub fn new(vehicle: &Vehicle, data: &Data, memory_s: f64, skip: usize) -> Option<Self> {
-        let observer = Observer::new(vehicle, data, memory_s)?;
+        let observer = Observer::new(vehicle, data, &vec![memory_s; vehicle.states.len()])?;
         let base = run(vehicle, data, &observer, None, skip)?;
         let sources = data.channels.len() + data.m;
         let mut channels = vec![Vec::with_capacity(sources); data.channels.len()];

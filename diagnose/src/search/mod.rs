@@ -1,6 +1,7 @@
 //! Search for causes among the candidates: survey, selection, acceptance.
 
 pub mod acceptance;
+mod agreement;
 pub mod alternative;
 pub mod cross_validation;
 pub mod equivalence;

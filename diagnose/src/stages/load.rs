@@ -1,11 +1,13 @@
 //! Load stage: records on an even grid.
 
+use std::sync::Arc;
+
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
 use crate::answer::DataFinding;
 use crate::data::checks;
-use crate::data::record::{Data, coarser_period};
+use crate::data::record::{Data, StateFilter, coarser_period};
 use crate::{DiagnoseError, Options};
 
 /// Records on an even grid, with the findings on them.
@@ -20,8 +22,6 @@ pub(crate) struct Loaded<'a> {
     pub found: Vec<DataFinding>,
     /// Finding that the record is of another vehicle, where the channels are otherwise correct.
     pub stranger: Option<DataFinding>,
-    /// Memory of the most likely predictor that follows the records, s, where it was determined.
-    pub likeliest_s: Option<f64>,
 }
 
 impl<'a> Loaded<'a> {
@@ -39,14 +39,19 @@ impl<'a> Loaded<'a> {
         let mut found: Vec<_> = records.iter().flat_map(|r| checks::record(r, vehicle)).collect();
         found.extend(coarser.map(checks::thinned));
         let origins = records.iter().map(|r| r.origin.clone()).collect();
-        Ok(Self { origins, vehicle, options, data, found, stranger: None, likeliest_s: None })
+        Ok(Self { origins, vehicle, options, data, found, stranger: None })
     }
 
     /// The same records for a predictor that follows them with a memory of `memory_s`. Predictions over the
-    /// horizon use the most likely memory.
-    pub fn remembering(&self, memory_s: f64, likeliest_s: f64) -> Self {
-        let data = Data { memory_s: Some(memory_s), ..self.data.clone() };
-        Self { data, likeliest_s: Some(likeliest_s), ..self.clone() }
+    /// horizon use the most likely memory, and causes are compared with what the likeliest `filter` says.
+    pub fn remembering(&self, memory_s: f64, likeliest_s: f64, filter: Option<StateFilter>) -> Self {
+        let data = Data {
+            memory_s: Some(memory_s),
+            likeliest_s: Some(likeliest_s),
+            likeliest_filter: filter.map(Arc::new),
+            ..self.data.clone()
+        };
+        Self { data, ..self.clone() }
     }
 
     /// The same records with their first commands assumed to have been applied before they began: commands

@@ -1,0 +1,57 @@
+//! Agreement of two filters about the size of a cause.
+//!
+//! Causes are searched for with the longest memory, because process noise absorbs them. Its noise model is then not the
+//! likeliest, and what the commands take from the outputs' noise (in closed loop), or a predicted output from the noise
+//! of another, biases a size (Ljung, System Identification, 1999, 13.4). The likeliest filter is less biased and less
+//! certain: a cause whose size differs between the two by more than chance allows is one of the noise model (Hausman,
+//! Specification tests in econometrics, Econometrica 46, 1978).
+
+use nalgebra::DMatrix;
+use whirlstand_logs::shown::number;
+use whirlstand_vehicle::Kind;
+
+use crate::model::fit::{Fit, Model};
+use crate::thresholds::{DISAGREEMENT_SIGMAS, MAX_RELATIVE_ERROR};
+
+/// Why the likeliest filter contradicts the last term of a model that was fitted with another memory; `None` where it does
+/// not, cannot predict, or is the model's own.
+///
+/// `covariance` is that of the values of `fit`.
+pub(crate) fn contradiction(model: &Model<'_, '_>, fit: &Fit, covariance: &DMatrix<f64>) -> Option<String> {
+    let data = model.free_run.data;
+    let own_s = data.memory_s?;
+    let filter = data.likeliest_filter.as_deref()?;
+    // The states of another mode are those of the vehicle alone.
+    let modes = model.terms.iter().any(|term| term.kind == Kind::ModeTransition);
+    if !filter.forced && filter.memories_s.iter().all(|s| *s == own_s) || filter.forced && modes {
+        return None;
+    }
+    let free_run = filter.runs(&model.free_run.vehicle, data)?;
+    let other = Model { free_run: &free_run, free: model.free, terms: model.terms.clone() };
+    let at_rest = vec![0.0; free_run.states() - model.free_run.states()];
+    let (initial, others) = fit.values.split_at(model.states());
+    let mut start = Vec::with_capacity(fit.values.len() + data.starts.len() * at_rest.len());
+    initial.chunks_exact(model.free_run.states()).for_each(|x| start.extend(x.iter().chain(&at_rest)));
+    start.extend(others);
+    let again = other.fit(start, None, None).ok()?;
+    let spread = other.covariance(&again).ok()?;
+    let more = again.values.len() - fit.values.len();
+    let term = model.terms.last()?;
+    let range = model.range(model.terms.len() - 1);
+    range.clone().zip(&term.tunables).filter(|(_, tunable)| tunable.size).find_map(|(i, tunable)| {
+        let null = if i + 1 == range.end { term.null } else { 0.0 };
+        let (own, theirs) = (fit.values[i], again.values[more + i]);
+        let apart = (own - theirs).abs();
+        let chance = (covariance[(i, i)] + spread[(more + i, more + i)]).max(0.0).sqrt();
+        let beyond = apart > DISAGREEMENT_SIGMAS * chance && apart > MAX_RELATIVE_ERROR * (own - null).abs();
+        beyond.then(|| {
+            format!(
+                "its {} depends on the noise model: {} by a filter with a memory of {} s, {} by the likeliest",
+                tunable.name,
+                number(own),
+                number(own_s),
+                number(theirs)
+            )
+        })
+    })
+}
