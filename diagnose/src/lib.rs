@@ -16,6 +16,8 @@ pub mod search;
 pub(crate) mod stages;
 mod thresholds;
 
+use std::sync::Arc;
+
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
 
@@ -79,6 +81,11 @@ fn diagnosed(records: Vec<Record>, vehicle: &Vehicle, options: &Options) -> Resu
     loaded.found.extend(limits.found);
     loaded.stranger = screen::stranger(&records, vehicle, &options.modes, options.period_s)?;
     drop(records);
+    if loaded.data.channels.iter().any(|c| loaded.vehicle.outputs[c.output].noise == 0.0) {
+        loaded.options.watch.tell("fitting a filter to the record");
+        let filter = StateFilter::likeliest(loaded.vehicle, &Checked::new(&loaded).data);
+        loaded.data.likeliest_filter = filter.map(Arc::new);
+    }
     let free = over_commands(&loaded);
     if free.blocked {
         return Ok(free.answer);
@@ -100,17 +107,19 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     if (free.means_something || explained) && declared || loaded.options.watch.is_stopped() {
         return None;
     }
-    let memories = memories(loaded.vehicle, &Checked::new(loaded).data);
-    let likeliest = memories.first()?;
-    let unlikely = free.likelihood.is_some_and(|l| l.bic_gain(&likeliest.likelihood) < MIN_BIC_GAIN);
+    let data = Checked::new(loaded).data;
+    let known = loaded.data.likeliest_filter.clone();
+    let filter = known.or_else(|| StateFilter::likeliest(loaded.vehicle, &data).map(Arc::new))?;
+    let likelihood = filter.likelihood(loaded.vehicle, &data)?;
+    let unlikely = free.likelihood.is_some_and(|l| l.bic_gain(&likelihood) < MIN_BIC_GAIN);
     if free.means_something && unlikely {
         return None;
     }
     // Process noise absorbs causes, and more so the shorter the memory: causes are searched for with the
     // longest memory. Colour that remains in the innovations is modelled anew beside every candidate.
+    let memories = memories(loaded.vehicle, &data);
+    let likeliest = memories.first()?;
     let longest = memories.iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds))?;
-    loaded.options.watch.tell("fitting a filter to the record");
-    let filter = StateFilter::likeliest(loaded.vehicle, &Checked::new(loaded).data, likeliest);
     let best = over_commands(&loaded.remembering(longest.seconds, likeliest.seconds, filter));
     let likelihood = best.likelihood?;
     // Named turbulence makes a free run a bad prediction and a good model.

@@ -31,18 +31,21 @@ pub struct Likelihood {
 }
 
 impl Likelihood {
+    /// BIC per sample.
+    pub fn each(&self) -> f64 {
+        self.bic / self.rows.max(1) as f64
+    }
+
     /// Gain of another model in BIC. Where the two exclude different samples, BIC per sample is compared.
     pub fn bic_gain(&self, other: &Self) -> f64 {
-        let each = |l: &Self| l.bic / l.rows.max(1) as f64;
-        (each(self) - each(other)) * self.rows.min(other.rows) as f64
+        (self.each() - other.each()) * self.rows.min(other.rows) as f64
     }
 }
 
 /// All predictors that follow the record, the most likely first; empty where no filter can follow it.
 pub fn memories(vehicle: &Vehicle, data: &Data) -> Vec<Memory> {
     let mut found: Vec<Memory> = tried(data).filter_map(|seconds| null(vehicle, data, seconds)).collect();
-    let each = |m: &Memory| m.likelihood.bic / m.likelihood.rows.max(1) as f64;
-    found.sort_by(|a, b| each(a).total_cmp(&each(b)));
+    found.sort_by(|a, b| a.likelihood.each().total_cmp(&b.likelihood.each()));
     found
 }
 

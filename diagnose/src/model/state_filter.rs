@@ -11,31 +11,32 @@ use whirlstand_vehicle::Vehicle;
 use crate::data::record::{Data, StateFilter};
 use crate::model::fit::{Effort, Model};
 use crate::model::free_run::FreeRun;
-use crate::model::predictor::{Likelihood, Memory, at_rest, tried, with_forces};
+use crate::model::predictor::{Likelihood, at_rest, tried, with_forces};
 
 impl StateFilter {
-    /// The likeliest filter of the vehicle without any cause, searched for state by state from one memory for all; `None`
-    /// where none follows the record.
-    pub fn likeliest(vehicle: &Vehicle, data: &Data, start: &Memory) -> Option<Self> {
-        let data = &Data { memory_s: Some(start.seconds), ..data.clone() };
-        let found = [false, true].into_iter().filter_map(|forced| {
+    /// The likeliest filter of the vehicle without any cause: the best with one memory for all states, improved state by
+    /// state. `None` where none follows the record.
+    pub fn likeliest(vehicle: &Vehicle, data: &Data) -> Option<Self> {
+        let all = tried(data).flat_map(|seconds| [(false, seconds), (true, seconds)]);
+        let filters = all.filter_map(|(forced, seconds)| {
             let states = if forced { with_forces(vehicle).states.len() } else { vehicle.states.len() };
-            let mut best = Self { forced, memories_s: vec![start.seconds; states] };
-            let mut lowest = best.likelihood(vehicle, data)?.bic;
-            let walked = best.vehicle(vehicle);
-            for state in (0..states).filter(|state| walked.kinematic_row(*state).is_none()) {
-                for seconds in tried(data).filter(|seconds| *seconds != start.seconds) {
-                    let mut other = best.clone();
-                    other.memories_s[state] = seconds;
-                    let bic = other.likelihood(vehicle, data).map(|likelihood| likelihood.bic);
-                    if let Some(bic) = bic.filter(|bic| *bic < lowest) {
-                        (lowest, best) = (bic, other);
-                    }
+            let filter = Self { forced, memories_s: vec![seconds; states] };
+            Some((filter.likelihood(vehicle, data)?, filter))
+        });
+        let (mut lowest, mut best) = filters.min_by(|(a, _), (b, _)| a.each().total_cmp(&b.each()))?;
+        let walked = best.vehicle(vehicle).into_owned();
+        for state in (0..walked.states.len()).filter(|state| walked.kinematic_row(*state).is_none()) {
+            let own = best.memories_s[state];
+            for seconds in tried(data).filter(|seconds| *seconds != own) {
+                let mut other = best.clone();
+                other.memories_s[state] = seconds;
+                let found = other.likelihood(vehicle, data);
+                if let Some(found) = found.filter(|found| found.each() < lowest.each()) {
+                    (lowest, best) = (found, other);
                 }
             }
-            Some((lowest, best))
-        });
-        found.min_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, filter)| filter)
+        }
+        Some(best)
     }
 
     /// The vehicle whose states the filter estimates.
@@ -54,11 +55,17 @@ impl StateFilter {
         Some(still.bic_gain(&self.likelihood(vehicle, data)?))
     }
 
-    /// Likelihood of the vehicle without any cause.
-    fn likelihood(&self, vehicle: &Vehicle, data: &Data) -> Option<Likelihood> {
-        let runs = self.runs(vehicle, data)?;
+    /// Likelihood of the vehicle without any cause; `None` where it has no prediction.
+    pub fn likelihood(&self, vehicle: &Vehicle, data: &Data) -> Option<Likelihood> {
+        let data = follow(data);
+        let runs = self.runs(vehicle, &data)?;
         let model = Model { free_run: &runs, free: &[], terms: Vec::new() };
         let fit = model.optimum(vec![0.0; runs.initials()], None, None, Effort::Full).ok()?;
         Some(Likelihood { bic: fit.profile.bic(0), rows: fit.profile.rows })
     }
+}
+
+/// The record as one that a filter follows; its own memory is not used.
+pub fn follow(data: &Data) -> Data {
+    Data { memory_s: Some(data.period_s), ..data.clone() }
 }

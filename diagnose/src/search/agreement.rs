@@ -11,6 +11,7 @@ use whirlstand_logs::shown::number;
 use whirlstand_vehicle::Kind;
 
 use crate::model::fit::{Fit, Model};
+use crate::model::state_filter::follow;
 use crate::thresholds::{DISAGREEMENT_SIGMAS, MAX_RELATIVE_ERROR};
 
 /// Why the likeliest filter contradicts the last term of a model that was fitted with another memory; `None` where it does
@@ -19,14 +20,15 @@ use crate::thresholds::{DISAGREEMENT_SIGMAS, MAX_RELATIVE_ERROR};
 /// `covariance` is that of the values of `fit`.
 pub(crate) fn contradiction(model: &Model<'_, '_>, fit: &Fit, covariance: &DMatrix<f64>) -> Option<String> {
     let data = model.free_run.data;
-    let own_s = data.memory_s?;
     let filter = data.likeliest_filter.as_deref()?;
     // The states of another mode are those of the vehicle alone.
     let modes = model.terms.iter().any(|term| term.kind == Kind::ModeTransition);
-    if !filter.forced && filter.memories_s.iter().all(|s| *s == own_s) || filter.forced && modes {
+    let own = !filter.forced && filter.memories_s.iter().all(|s| Some(*s) == data.memory_s);
+    if own || filter.forced && modes {
         return None;
     }
-    let free_run = filter.runs(&model.free_run.vehicle, data)?;
+    let followed = follow(data);
+    let free_run = filter.runs(&model.free_run.vehicle, &followed)?;
     let other = Model { free_run: &free_run, free: model.free, terms: model.terms.clone() };
     let at_rest = vec![0.0; free_run.states() - model.free_run.states()];
     let (initial, others) = fit.values.split_at(model.states());
@@ -46,10 +48,11 @@ pub(crate) fn contradiction(model: &Model<'_, '_>, fit: &Fit, covariance: &DMatr
         let beyond = apart > DISAGREEMENT_SIGMAS * chance && apart > MAX_RELATIVE_ERROR * (own - null).abs();
         beyond.then(|| {
             format!(
-                "its {} depends on the noise model: {} by a filter with a memory of {} s, {} by the likeliest",
+                "its {} depends on the noise model: {} by {}, {} by the likeliest filter",
                 tunable.name,
                 number(own),
-                number(own_s),
+                data.memory_s
+                    .map_or("a free run".into(), |s| format!("a filter with a memory of {} s", number(s))),
                 number(theirs)
             )
         })

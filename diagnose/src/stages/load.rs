@@ -44,11 +44,11 @@ impl<'a> Loaded<'a> {
 
     /// The same records for a predictor that follows them with a memory of `memory_s`. Predictions over the
     /// horizon use the most likely memory, and causes are compared with what the likeliest `filter` says.
-    pub fn remembering(&self, memory_s: f64, likeliest_s: f64, filter: Option<StateFilter>) -> Self {
+    pub fn remembering(&self, memory_s: f64, likeliest_s: f64, filter: Arc<StateFilter>) -> Self {
         let data = Data {
             memory_s: Some(memory_s),
             likeliest_s: Some(likeliest_s),
-            likeliest_filter: filter.map(Arc::new),
+            likeliest_filter: Some(filter),
             ..self.data.clone()
         };
         Self { data, ..self.clone() }

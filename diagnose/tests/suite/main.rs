@@ -4,6 +4,7 @@ mod diagnose;
 mod diagnose_alike;
 mod diagnose_together;
 mod flight_records;
+mod hover;
 mod screen;
 mod support;
 mod wandering_zeros;

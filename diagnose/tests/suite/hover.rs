@@ -1,0 +1,72 @@
+//! Diagnoses of hovers: a law holds an attitude against gusts, and its commands are little but the noise of the gyroscope
+//! and the answer to the gusts. No noise is declared, and the vehicle file is right. An integrator of this file simulates
+//! them.
+
+use whirlstand_diagnose::Verdict;
+use whirlstand_logs::Record;
+use whirlstand_vehicle::{Stream, Vehicle};
+
+use crate::support::{diagnosis, named};
+
+/// Torque to angular acceleration, 1/s^2.
+const TORQUE: f64 = 120.0;
+/// Damping, 1/s.
+const DAMPING: f64 = -0.5;
+
+fn axis() -> Vehicle {
+    let text = format!(
+        "name = \"axis\"\nA = [[0.0, 1.0], [0.0, {DAMPING:?}]]\nB = [[0.0], [{TORQUE:?}]]\nC = [[1.0, 0.0], [0.0, 1.0]]\n\
+         states = [{{ name = \"roll\", unit = \"rad\" }}, {{ name = \"roll_rate\", unit = \"rad/s\" }}]\n\
+         inputs = [{{ name = \"torque\", lower = -1.0, upper = 1.0 }}]\n\
+         outputs = [{{ name = \"roll\", unit = \"rad\" }}, {{ name = \"roll_rate\", unit = \"rad/s\" }}]\n"
+    );
+    Vehicle::parse(&text, "axis.toml").unwrap()
+}
+
+/// A hover of 40 s under a cascade of two proportional laws with a loop of 4 ms, of which each fifth sample is recorded.
+/// Gusts have a time constant of 1 s and a standard deviation in rad/s^2; references of this standard deviation, rad, hold
+/// for 1 to 3 s.
+fn fly(seed: u64, gusts: f64, references: f64) -> Record {
+    const LOOP_S: f64 = 0.004;
+    const FINE_S: f64 = LOOP_S / 2.0;
+    let mut random = Stream::new(seed, "hover");
+    let (mut roll, mut rate, mut gust, mut wander, mut reference, mut until) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let (mut time, mut rows) = (Vec::new(), [const { Vec::new() }; 3]);
+    for k in 0..10_000u32 {
+        let now = f64::from(k) * LOOP_S;
+        if now >= until {
+            reference = references * random.normal();
+            until = now + 1.0 + 2.0 * random.uniform();
+        }
+        // The angle is that of an estimator: precise, and slow in its errors.
+        wander = 0.98 * wander + 4e-6 * random.normal();
+        let (angle, gyroscope) = (roll + wander, rate + 4e-3 * random.normal());
+        let torque = 0.15 * (6.0 * (reference - angle) - gyroscope);
+        if k % 5 == 0 {
+            time.push(now);
+            rows.iter_mut().zip([torque, angle, gyroscope]).for_each(|(row, value)| row.push(value));
+        }
+        for _ in 0..2 {
+            gust += -FINE_S * gust + gusts * (2.0 * FINE_S).sqrt() * random.normal();
+            rate += FINE_S * (DAMPING * rate + TORQUE * torque + gust);
+            roll += FINE_S * rate;
+        }
+    }
+    let mut record = Record::new("hover.csv", time).unwrap();
+    let names = [("torque", ""), ("roll", "rad"), ("roll_rate", "rad/s")];
+    for ((name, unit), row) in names.into_iter().zip(rows) {
+        record.push(name, unit, row).unwrap();
+    }
+    record
+}
+
+/// Commands that cancel gusts seem to move nothing, unless the force of the gusts is estimated beside them.
+#[test]
+fn commands_that_cancel_gusts_do_not_do_nothing() {
+    for seed in 1..=8 {
+        let answer = diagnosis(fly(seed, 0.1, 0.0), &axis());
+        let names = named(&answer).concat();
+        assert!(!names.iter().any(|name| name.starts_with("input_gain")), "{seed}: {}", answer.text());
+        assert_ne!(answer.verdict, Verdict::Explained, "{seed}: {}", answer.text());
+    }
+}
