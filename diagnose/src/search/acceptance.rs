@@ -5,7 +5,6 @@ use crate::model::columns::dot;
 use crate::model::fit::{Fit, Model};
 use crate::model::noise::Noise;
 use crate::model::score_test::{ScoreTest, cosine};
-use crate::search::agreement::contradiction;
 use crate::search::alternative::Alternative;
 use crate::search::cross_validation::held_out_gain;
 use crate::search::survey_cache::Surveyed;
@@ -126,9 +125,6 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     }
     if gain_if_zeros_wander(model, fit, &extended, k).is_some_and(|gain| gain < MIN_BIC_GAIN) {
         return Decision::Undetermined("a sensor whose zero wanders explains as much".into());
-    }
-    if let Some(why) = contradiction(&whole, &extended, &covariance) {
-        return Decision::Undetermined(why);
     }
     let detectability = detectability(model, fit, alternative).unwrap_or(0.0);
     Decision::Accepted(TermEvidence { delta_bic, heldout, p_value, detectability })

@@ -6,7 +6,6 @@
 //! certain: a cause whose size differs between the two by more than chance allows is one of the noise model (Hausman,
 //! Specification tests in econometrics, Econometrica 46, 1978).
 
-use nalgebra::DMatrix;
 use whirlstand_logs::shown::number;
 use whirlstand_vehicle::Kind;
 
@@ -14,13 +13,20 @@ use crate::model::fit::{Fit, Model};
 use crate::model::state_filter::follow;
 use crate::thresholds::{DISAGREEMENT_SIGMAS, MAX_RELATIVE_ERROR};
 
-/// Why the likeliest filter contradicts the last term of a model that was fitted with another memory; `None` where it does
-/// not, cannot predict, or is the model's own.
-///
-/// `covariance` is that of the values of `fit`.
-pub(crate) fn contradiction(model: &Model<'_, '_>, fit: &Fit, covariance: &DMatrix<f64>) -> Option<String> {
+/// A term whose size the likeliest filter contradicts.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Contradicted {
+    /// Index of the term.
+    pub term: usize,
+    /// What the two filters say.
+    pub why: String,
+}
+
+/// The term of a model that the likeliest filter contradicts most, beside all others. `None` where it contradicts none,
+/// cannot predict, or is the model's own.
+pub(crate) fn contradicted(model: &Model<'_, '_>, fit: &Fit) -> Option<Contradicted> {
     let data = model.free_run.data;
-    let filter = data.likeliest_filter.as_deref()?;
+    let filter = data.likeliest_filter.as_deref().filter(|_| !model.terms.is_empty())?;
     // The states of another mode are those of the vehicle alone.
     let modes = model.terms.iter().any(|term| term.kind == Kind::ModeTransition);
     let own = !filter.forced && filter.memories_s.iter().all(|s| Some(*s) == data.memory_s);
@@ -36,25 +42,30 @@ pub(crate) fn contradiction(model: &Model<'_, '_>, fit: &Fit, covariance: &DMatr
     initial.chunks_exact(model.free_run.states()).for_each(|x| start.extend(x.iter().chain(&at_rest)));
     start.extend(others);
     let again = other.fit(start, None, None).ok()?;
-    let spread = other.covariance(&again).ok()?;
+    let (covariance, spread) = (model.covariance(fit).ok()?, other.covariance(&again).ok()?);
     let more = again.values.len() - fit.values.len();
-    let term = model.terms.last()?;
-    let range = model.range(model.terms.len() - 1);
-    range.clone().zip(&term.tunables).filter(|(_, tunable)| tunable.size).find_map(|(i, tunable)| {
-        let null = if i + 1 == range.end { term.null } else { 0.0 };
-        let (own, theirs) = (fit.values[i], again.values[more + i]);
+    let sizes = model.terms.iter().enumerate().flat_map(|(term, candidate)| {
+        let sizes = candidate.tunables.iter().enumerate().filter(|(_, tunable)| tunable.size);
+        sizes.map(move |(i, tunable)| (term, candidate, i, tunable))
+    });
+    let beyond = sizes.filter_map(|(term, candidate, i, tunable)| {
+        let at = model.range(term).start + i;
+        let null = if i + 1 == candidate.tunables.len() { candidate.null } else { 0.0 };
+        let (own, theirs) = (fit.values[at], again.values[more + at]);
         let apart = (own - theirs).abs();
-        let chance = (covariance[(i, i)] + spread[(more + i, more + i)]).max(0.0).sqrt();
+        let chance = (covariance[(at, at)] + spread[(more + at, more + at)]).max(0.0).sqrt();
         let beyond = apart > DISAGREEMENT_SIGMAS * chance && apart > MAX_RELATIVE_ERROR * (own - null).abs();
-        beyond.then(|| {
+        let by = |s: f64| format!("a filter with a memory of {} s", number(s));
+        let why = || {
             format!(
                 "its {} depends on the noise model: {} by {}, {} by the likeliest filter",
                 tunable.name,
                 number(own),
-                data.memory_s
-                    .map_or("a free run".into(), |s| format!("a filter with a memory of {} s", number(s))),
+                data.memory_s.map_or("a free run".into(), by),
                 number(theirs)
             )
-        })
-    })
+        };
+        beyond.then(|| (apart / chance, Contradicted { term, why: why() }))
+    });
+    beyond.max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, contradicted)| contradicted)
 }

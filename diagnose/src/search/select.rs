@@ -12,6 +12,7 @@ use crate::model::fit::{Effort, Fit, Model};
 use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
 use crate::search::acceptance::{Decision, Rival, TermEvidence, decide, rivals};
+use crate::search::agreement::{Contradicted, contradicted};
 use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
 use crate::search::equivalence::{is_twin, lead, simpler, single, yields};
 use crate::search::merge::merged;
@@ -215,6 +216,17 @@ impl Search<'_, '_, '_> {
                 && let Some(rider) = rider(&accepted, self.model.free_run.data)
             {
                 (self.model, self.fit) = without(&self.model, &self.fit, rider)?;
+                accepted.clear();
+            }
+            // While it was in the model, it kept others from explaining the noise that it stands for.
+            if accepted.len() == self.model.terms.len()
+                && let Some(Contradicted { term, why }) = contradicted(&self.model, &self.fit)
+            {
+                let (reduced, rest) = without(&self.model, &self.fit, term)?;
+                if let Some(own) = own_alternative(&reduced, &rest, &self.model, &self.fit, term) {
+                    self.refused.insert(0, Refused::new(own, why));
+                }
+                (self.model, self.fit) = (reduced, rest);
                 accepted.clear();
             }
         }
