@@ -38,10 +38,19 @@ pub(crate) fn contradicted(model: &Model<'_, '_>, fit: &Fit) -> Option<Contradic
     let other = Model { free_run: &free_run, free: model.free, terms: model.terms.clone() };
     let at_rest = vec![0.0; free_run.states() - model.free_run.states()];
     let (initial, others) = fit.values.split_at(model.states());
-    let mut start = Vec::with_capacity(fit.values.len() + data.starts.len() * at_rest.len());
-    initial.chunks_exact(model.free_run.states()).for_each(|x| start.extend(x.iter().chain(&at_rest)));
-    start.extend(others);
-    let again = other.fit(start, None, None).ok()?;
+    let start = |others: &[f64]| -> Vec<f64> {
+        let states = initial.chunks_exact(model.free_run.states());
+        states.flat_map(|x| x.iter().chain(&at_rest)).chain(others).copied().collect()
+    };
+    // Where its predictions diverge with the sizes as they are, it finds its own from causes without effect.
+    let again = other.fit(start(others), None, None).or_else(|_| {
+        let mut values = fit.values.clone();
+        for (term, candidate) in model.terms.iter().enumerate() {
+            values[model.range(term).end - 1] = candidate.null;
+        }
+        other.fit(start(&values[model.states()..]), None, None)
+    });
+    let again = again.ok()?;
     let (covariance, spread) = (model.covariance(fit).ok()?, other.covariance(&again).ok()?);
     let more = again.values.len() - fit.values.len();
     let sizes = model.terms.iter().enumerate().flat_map(|(term, candidate)| {

@@ -28,7 +28,9 @@ fn axis() -> Vehicle {
 /// for 1 to 3 s.
 fn fly(seed: u64, gusts: f64, references: f64) -> Record {
     const LOOP_S: f64 = 0.004;
-    const FINE_S: f64 = LOOP_S / 2.0;
+    /// Fine enough for the error of the angle to be far below its noise.
+    const FINE: u32 = 8;
+    const FINE_S: f64 = LOOP_S / FINE as f64;
     let mut random = Stream::new(seed, "hover");
     let (mut roll, mut rate, mut gust, mut wander, mut reference, mut until) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     let (mut time, mut rows) = (Vec::new(), [const { Vec::new() }; 3]);
@@ -46,7 +48,7 @@ fn fly(seed: u64, gusts: f64, references: f64) -> Record {
             time.push(now);
             rows.iter_mut().zip([torque, angle, gyroscope]).for_each(|(row, value)| row.push(value));
         }
-        for _ in 0..2 {
+        for _ in 0..FINE {
             gust += -FINE_S * gust + gusts * (2.0 * FINE_S).sqrt() * random.normal();
             rate += FINE_S * (DAMPING * rate + TORQUE * torque + gust);
             roll += FINE_S * rate;
