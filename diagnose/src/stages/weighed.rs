@@ -4,7 +4,7 @@ use super::findings::Findings;
 use crate::answer::schema::OutputGain;
 use crate::answer::{Diagnosis, compose};
 use crate::model::predictor::Likelihood;
-use crate::thresholds::{EXPLAINED_SHARE, LOUD_RATIO};
+use crate::thresholds::LOUD_RATIO;
 
 /// An answer and the likelihood by which it is chosen.
 #[derive(Debug, Clone)]
@@ -44,10 +44,10 @@ impl Weighed {
 }
 
 /// True when an output is predicted no better than by its mean, though its declared noise would allow a
-/// better prediction; or when undeclared noise has to explain it.
+/// better prediction.
 fn is_poor(o: &OutputGain) -> bool {
     let lost = o.rmse_after.is_none() && o.horizon_fit_after.is_some();
+    let undeclared = o.noise_model_share.is_some();
     let loud = o.rmse_after.is_some_and(|rmse| rmse > LOUD_RATIO * o.noise_floor);
-    let noise = o.noise_model_share.is_some_and(|share| share > 1.0 - EXPLAINED_SHARE);
-    lost || noise || o.fit_after.is_some_and(|fit| fit <= 0.0) && loud
+    lost || o.fit_after.is_some_and(|fit| fit <= 0.0) && (undeclared || loud)
 }
