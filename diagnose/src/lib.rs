@@ -83,7 +83,7 @@ fn diagnosed(records: Vec<Record>, vehicle: &Vehicle, options: &Options) -> Resu
     drop(records);
     if loaded.data.channels.iter().any(|c| loaded.vehicle.outputs[c.output].noise == 0.0) {
         loaded.options.watch.tell("fitting a filter to the record");
-        let filter = StateFilter::likeliest(loaded.vehicle, &Checked::new(&loaded).data);
+        let filter = StateFilter::likeliest(loaded.vehicle, &Checked::new(&loaded).data, &options.watch);
         loaded.data.likeliest_filter = filter.map(Arc::new);
     }
     let free = over_commands(&loaded);
@@ -109,7 +109,8 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     }
     let data = Checked::new(loaded).data;
     let known = loaded.data.likeliest_filter.clone();
-    let filter = known.or_else(|| StateFilter::likeliest(loaded.vehicle, &data).map(Arc::new))?;
+    let filter = known
+        .or_else(|| StateFilter::likeliest(loaded.vehicle, &data, &loaded.options.watch).map(Arc::new))?;
     let likelihood = filter.likelihood(loaded.vehicle, &data)?;
     let unlikely = free.likelihood.is_some_and(|l| l.bic_gain(&likelihood) < MIN_BIC_GAIN);
     if free.means_something && unlikely {

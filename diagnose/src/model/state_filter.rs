@@ -8,6 +8,7 @@ use std::borrow::Cow;
 
 use whirlstand_vehicle::Vehicle;
 
+use crate::Watch;
 use crate::data::record::{Data, StateFilter};
 use crate::model::fit::{Effort, Model};
 use crate::model::free_run::FreeRun;
@@ -15,10 +16,10 @@ use crate::model::predictor::{Likelihood, at_rest, tried, with_forces};
 
 impl StateFilter {
     /// The likeliest filter of the vehicle without any cause: the best with one memory for all states, improved state by
-    /// state. `None` where none follows the record.
-    pub fn likeliest(vehicle: &Vehicle, data: &Data) -> Option<Self> {
+    /// state. `None` where none follows the record. When the watch is stopped, the best of those that were tried.
+    pub fn likeliest(vehicle: &Vehicle, data: &Data, watch: &Watch) -> Option<Self> {
         let all = tried(data).flat_map(|seconds| [(false, seconds), (true, seconds)]);
-        let filters = all.filter_map(|(forced, seconds)| {
+        let filters = all.take_while(|_| !watch.is_stopped()).filter_map(|(forced, seconds)| {
             let states = if forced { with_forces(vehicle).states.len() } else { vehicle.states.len() };
             let filter = Self { forced, memories_s: vec![seconds; states] };
             Some((filter.likelihood(vehicle, data)?, filter))
@@ -28,6 +29,9 @@ impl StateFilter {
         for state in (0..walked.states.len()).filter(|state| walked.kinematic_row(*state).is_none()) {
             let own = best.memories_s[state];
             for seconds in tried(data).filter(|seconds| *seconds != own) {
+                if watch.is_stopped() {
+                    return Some(best);
+                }
                 let mut other = best.clone();
                 other.memories_s[state] = seconds;
                 let found = other.likelihood(vehicle, data);
