@@ -73,3 +73,21 @@ impl StateFilter {
 pub fn follow(data: &Data) -> Data {
     Data { memory_s: Some(data.period_s), ..data.clone() }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+    use crate::data::flown::flown;
+
+    /// On a record of minutes it took longer than the time that the user had given.
+    #[test]
+    fn no_filter_is_tried_after_the_end() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let data = flown(&vehicle, vec![0.1; 400], 1);
+        assert!(StateFilter::likeliest(&vehicle, &data, &Watch::default()).is_some());
+        let ended = Watch::default().until(Instant::now());
+        assert_eq!(StateFilter::likeliest(&vehicle, &data, &ended), None);
+    }
+}
