@@ -62,6 +62,11 @@ impl Candidate {
         matches!(self.kind, Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance)
     }
 
+    /// True for a force on one state that happens once.
+    pub fn is_event(&self) -> bool {
+        matches!(self.kind, Kind::StepDisturbance | Kind::PulseDisturbance)
+    }
+
     /// The effect with the given values; `None` when the table does not allow them.
     pub fn effect(&self, values: &[f64]) -> Option<Effect> {
         let tuned = self.tunables.iter().zip(values).map(|(t, v)| (t.name, *v));

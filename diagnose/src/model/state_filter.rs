@@ -28,15 +28,22 @@ impl StateFilter {
         let walked = best.vehicle(vehicle).into_owned();
         for state in (0..walked.states.len()).filter(|state| walked.kinematic_row(*state).is_none()) {
             let own = best.memories_s[state];
-            for seconds in tried(data).filter(|seconds| *seconds != own) {
-                if watch.is_stopped() {
-                    return Some(best);
-                }
-                let mut other = best.clone();
-                other.memories_s[state] = seconds;
-                let found = other.likelihood(vehicle, data);
-                if let Some(found) = found.filter(|found| found.each() < lowest.each()) {
-                    (lowest, best) = (found, other);
+            let (mut shorter, longer): (Vec<f64>, Vec<f64>) =
+                tried(data).filter(|seconds| *seconds != own).partition(|seconds| *seconds < own);
+            shorter.reverse();
+            // Outwards from the common memory, until it becomes less likely: the likelihood has one peak.
+            for way in [shorter, longer] {
+                for seconds in way {
+                    if watch.is_stopped() {
+                        return Some(best);
+                    }
+                    let mut other = best.clone();
+                    other.memories_s[state] = seconds;
+                    let found = other.likelihood(vehicle, data);
+                    match found.filter(|found| found.each() < lowest.each()) {
+                        Some(found) => (lowest, best) = (found, other),
+                        None => break,
+                    }
                 }
             }
         }

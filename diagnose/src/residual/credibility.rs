@@ -2,19 +2,20 @@
 
 use crate::candidates::library::Candidate;
 use crate::model::noise::Noise;
+use crate::model::score_test::{ScoreTest, cosine};
 use crate::residual::lack_of_fit::LackOfFit;
 use crate::residual::out_of_library::{self, ForceOnSignal};
 use crate::search::alternative::SearchSpace;
 use crate::search::selection::Selection;
-use crate::thresholds::{EXCESS_NOISE_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE};
+use crate::thresholds::{EXCESS_NOISE_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE, SAME_SIGNATURE_COSINE};
 use whirlstand_logs::stats::rms;
 
 /// Withdraws causes that are not credible, with their gains in BIC. All are withdrawn where one force that
 /// follows a signal does better (it is left in `like`) or where they leave more than they explain; else
 /// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
 /// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
-/// is sized. Without a test for lack of fit, where the noise is not known, only a force that explains as much as
-/// several causes withdraws them.
+/// is sized. Where the noise is not known, a lack of fit may be the noise model's: then it withdraws only events,
+/// which explain a part of anything.
 pub fn withhold(
     selection: &mut Selection<'_, '_>,
     (lack, like): (&mut Option<LackOfFit>, &mut Option<ForceOnSignal>),
@@ -23,11 +24,11 @@ pub fn withhold(
     space: &SearchSpace<'_>,
 ) -> Vec<(Candidate, f64)> {
     let Some(without) = selection.without_causes(start) else { return Vec::new() };
+    let known = space.declared.iter().all(|d| *d > 0.0);
     let several = selection.model.terms.len() > without.model.terms.len() + 1;
     let chance = |lack: &LackOfFit| lack.one.chance.min(lack.all.chance);
     let asked = several || lack.as_ref().is_some_and(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
-    let rival =
-        if asked && !turbulent { rival(selection, &without, space, (several, lack.is_some())) } else { None };
+    let rival = if asked && !turbulent { rival(selection, &without, space, (several, known)) } else { None };
     let believed = match (rival, &lack) {
         (Some(rival), _) => {
             *lack = Some(LackOfFit::or_one(*lack, rival.gain));
@@ -35,8 +36,10 @@ pub fn withhold(
             Some(without)
         }
         (None, None) => None,
-        (None, Some(_)) if !turbulent && drowned(selection, &without, space.declared) => Some(without),
-        (None, Some(lack)) => selection.beyond(lack.left()),
+        (None, Some(_)) if !turbulent && known && drowned(selection, &without, space.declared) => {
+            Some(without)
+        }
+        (None, Some(lack)) => selection.beyond(lack.left(), |c| known || c.is_event()),
     };
     let Some(believed) = believed else { return Vec::new() };
     let gains = selection.accepted.iter().map(|a| a.evidence.delta_bic);
@@ -47,9 +50,10 @@ pub fn withhold(
 }
 
 /// One force that follows a signal, where it explains as much as all causes together: several causes must do clearly better,
-/// and a single one is preferred to it, because what is in the table is likelier than what is not. Where the noise is not
-/// known, a force must gain more than several causes: orders of noise that are estimated beside each differ, and each costs
-/// nearly as much as the lead.
+/// and a single one is preferred to it, because what is in the table is likelier than what is not. A force of the same
+/// signature as a single cause is that cause with another shape: friction is a force that switches with a state. Where the
+/// noise is not known, a force must gain more than several causes: orders of noise that are estimated beside each differ,
+/// and each costs nearly as much as the lead.
 fn rival(
     selection: &Selection<'_, '_>,
     without: &Selection<'_, '_>,
@@ -64,9 +68,16 @@ fn rival(
         (true, false) => 0.0,
         (false, _) => MIN_BIC_GAIN,
     };
-    let rival =
+    let (rival, explained) =
         out_of_library::rival((&without.model, &without.fit), (&selection.model, &selection.fit), space)?;
-    (rival.gain > own + lead).then_some(rival)
+    if rival.gain <= own + lead {
+        return None;
+    }
+    let fit = &selection.fit;
+    let score_test = ScoreTest::new(data, &fit.profile.noise, &fit.residual, &without.fit.columns);
+    let cause: Vec<f64> = without.fit.residual.iter().zip(&fit.residual).map(|(w, s)| w - s).collect();
+    let kappa = cosine(&score_test.project(&cause), &score_test.project(&explained));
+    (several || kappa < SAME_SIGNATURE_COSINE).then_some(rival)
 }
 
 /// True when the causes leave more beyond the declared noise than they explain: they are then part of another

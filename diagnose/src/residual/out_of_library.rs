@@ -43,7 +43,9 @@ pub fn on_state(
     let vehicle = model.vehicle(&fit.values).ok()?;
     let signals =
         Signals::new(model, model.free_run.run_states(&vehicle, &fit.values[..model.states()]).ok()?);
-    Comparison::new(model, fit, &vehicle, space).best(Entry::State(state), &signals.all())
+    Comparison::new(model, fit, &vehicle, space)
+        .best(Entry::State(state), &signals.all())
+        .map(|(force, _)| force)
 }
 
 /// A force on the state that turbulence drives, where it follows a state so closely that no turbulence does:
@@ -104,13 +106,13 @@ fn on(vehicle: &Vehicle, entry: Entry, description: &str) -> String {
     }
 }
 
-/// The most likely force on any state or into any input, relative to the fit of a model with no cause. The
-/// signals are those of a model `with` causes, which is closer to the truth.
+/// The most likely force on any state or into any input, relative to the fit of a model with no cause, and the part of
+/// the samples that it explains. The signals are those of a model `with` causes, which is closer to the truth.
 pub fn rival(
     (model, fit): (&Model<'_, '_>, &Fit),
     (with, its): (&Model<'_, '_>, &Fit),
     space: &SearchSpace<'_>,
-) -> Option<ForceOnSignal> {
+) -> Option<(ForceOnSignal, Vec<f64>)> {
     let signals = Signals::new(
         with,
         with.free_run.run_states(&with.vehicle(&its.values).ok()?, &its.values[..with.states()]).ok()?,
@@ -125,7 +127,7 @@ pub fn rival(
     });
     let inputs = 0..model.free_run.data.m;
     let inputs = inputs.filter_map(|j| comparison.best(Entry::Input(j), &signals.of_input(j)));
-    forces.chain(inputs).max_by(|a, b| a.gain.total_cmp(&b.gain))
+    forces.chain(inputs).max_by(|(a, _), (b, _)| a.gain.total_cmp(&b.gain))
 }
 
 /// A fit against which bases of forces are tested.
@@ -164,9 +166,8 @@ impl<'a, 'd> Comparison<'a, 'd> {
         Self { model, fit, vehicle, plain, score_tests, slopes: &space.sizes.slopes }
     }
 
-    /// The most likely basis.
-    fn best(&self, entry: Entry, bases: &[Recipe<'_>]) -> Option<ForceOnSignal> {
-        let data = self.model.free_run.data;
+    /// The most likely basis, and the part of the samples that it explains.
+    fn best(&self, entry: Entry, bases: &[Recipe<'_>]) -> Option<(ForceOnSignal, Vec<f64>)> {
         // A force into an input acts on all states that the input drives.
         let pushed: Vec<(usize, f64)> = match entry {
             Entry::State(i) => vec![(i, 1.0)],
@@ -195,36 +196,38 @@ impl<'a, 'd> Comparison<'a, 'd> {
         weighed.extend(sorted.into_iter().map(|w| (quick, w)));
         let looks = 2.0 * (bases.len() as f64).ln();
         let bics = weighed.into_par_iter().filter_map(|(score_test, weight)| {
-            let mut rest = self.fit.residual.clone();
+            let mut explained = vec![0.0; self.fit.residual.len()];
             for (column, by) in columns(weight.basis)?.1.iter().zip(weight.by.iter()) {
-                rest.iter_mut().zip(column).for_each(|(r, c)| *r -= by * c);
+                explained.iter_mut().zip(column).for_each(|(e, c)| *e += by * c);
             }
-            let bic = Noise::fit(data, &score_test.without_nuisances(&rest)).bic(weight.by.len());
-            Some((bic, weight.description))
+            let bic = self.bic(score_test, &explained, weight.by.len());
+            Some((bic, weight.description, explained))
         });
-        let (bic, description) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some(ForceOnSignal {
-            gain: self.plain.bic(0) - bic - looks,
-            description: on(self.vehicle, entry, &description),
-        })
+        let (bic, description, explained) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let description = on(self.vehicle, entry, &description);
+        Some((ForceOnSignal { gain: self.plain.bic(0) - bic - looks, description }, explained))
     }
 
-    /// The most likely force that switches with a state.
-    fn relay(&self, state: usize, states: &[Signal]) -> Option<ForceOnSignal> {
-        let data = self.model.free_run.data;
+    /// BIC of what is left when this part of the samples is explained by as many parameters.
+    fn bic(&self, score_test: &ScoreTest<'_>, explained: &[f64], parameters: usize) -> f64 {
+        let rest: Vec<f64> = self.fit.residual.iter().zip(explained).map(|(r, e)| r - e).collect();
+        Noise::fit(self.model.free_run.data, &score_test.without_nuisances(&rest)).bic(parameters)
+    }
+
+    /// The most likely force that switches with a state, and the part of the samples that it explains.
+    fn relay(&self, state: usize, states: &[Signal]) -> Option<(ForceOnSignal, Vec<f64>)> {
         let pushed = [(state, self.slopes[state])];
         let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed);
         let looks = 2.0 * ((states.len() * hysteresis_relay::looks()) as f64).ln();
         let bics = self.score_tests.iter().filter_map(|score_test| {
             let relay = hysteresis_relay::likeliest(score_test, &forces, states, true)?;
-            let response = relay.response(score_test, &forces, states)?;
-            let rest: Vec<f64> = self.fit.residual.iter().zip(&response).map(|(r, c)| r - c).collect();
-            let bic = Noise::fit(data, &score_test.without_nuisances(&rest)).bic(1 + RELAY_PARAMETERS);
-            Some((bic, relay.description(states)))
+            let explained = relay.response(score_test, &forces, states)?;
+            let bic = self.bic(score_test, &explained, 1 + RELAY_PARAMETERS);
+            Some((bic, relay.description(states), explained))
         });
-        let (bic, description) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (bic, description, explained) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let description = on(self.vehicle, Entry::State(state), &description);
-        Some(ForceOnSignal { gain: self.plain.bic(0) - bic - looks, description })
+        Some((ForceOnSignal { gain: self.plain.bic(0) - bic - looks, description }, explained))
     }
 
     /// Keeps the contributions with the largest gain, each parameter penalised.

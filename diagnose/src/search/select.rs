@@ -101,7 +101,7 @@ impl Search<'_, '_, '_> {
             let decision = decide(&self.model, &self.fit, &alternative, left);
             // A candidate that explains much less than a refused one is not credible either. Exceptions: a
             // gust explains a part of anything, and an undetermined candidate explains nothing for certain.
-            if !is_event(&alternative.candidate) && !matches!(decision, Decision::Undetermined(_)) {
+            if !alternative.candidate.is_event() && !matches!(decision, Decision::Undetermined(_)) {
                 overshadowing = overshadowing.max(alternative.delta_bic);
             }
             match decision {
@@ -341,11 +341,6 @@ fn exchange(model: &mut Model<'_, '_>, fit: &mut Fit, space: &SearchSpace<'_>, s
         }
         term += 1;
     }
-}
-
-/// True for an effect that happens once (an event).
-fn is_event(candidate: &Candidate) -> bool {
-    matches!(candidate.kind, Kind::StepDisturbance | Kind::PulseDisturbance)
 }
 
 /// True when one more cause may be named. Harmonics and aliases make several tones of one narrow-band noise:

@@ -83,13 +83,14 @@ impl Selection<'_, '_> {
         Some(kept)
     }
 
-    /// The selection without causes that are too small for the lack of fit `left` to be just their misfit,
-    /// refitted; `None` when there are none.
-    pub fn beyond(&self, left: f64) -> Option<Self> {
+    /// The selection without those of the `asked` causes that are too small for the lack of fit `left` to be just
+    /// their misfit, refitted; `None` when there are none.
+    pub fn beyond(&self, left: f64, asked: impl Fn(&Candidate) -> bool) -> Option<Self> {
         let enough = |a: &Accepted| RIDER_SHARE * a.evidence.detectability >= left;
-        (!self.accepted.iter().all(enough)).then_some(())?;
+        let terms = self.accepted.iter().zip(&self.model.terms);
+        let wanted: Vec<bool> = terms.map(|(a, c)| !asked(c) || enough(a)).collect();
+        wanted.contains(&false).then_some(())?;
         let mut kept = self.clone();
-        let wanted: Vec<bool> = self.accepted.iter().map(enough).collect();
         kept.keep_terms(|term, _, _| wanted[term]);
         kept.fit = kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None).ok()?;
         Some(kept)

@@ -89,16 +89,16 @@ impl<'r> Residual<'r> {
     }
 }
 
-/// Excess noise, and the lack-of-fit test: made only where all noise is declared and none is in excess.
+/// Excess noise, and the lack-of-fit test: made only where no noise is in excess. Also the residual under a noise model
+/// that is fitted to it must not follow signals (Ljung 1999, 16.6: independence of residuals and past inputs).
 fn tested(
     baseline: &Baseline<'_>,
     selection: &Selection<'_, '_>,
     turbulent: bool,
 ) -> (Vec<(usize, ExcessNoise)>, Option<LackOfFit>) {
     let noise = excess(baseline, &selection.fit, turbulent);
-    let all_declared = baseline.declared.iter().all(|d| *d > 0.0);
     let follows = baseline.data().memory_s.is_some();
-    if baseline.blocked || follows || !all_declared || !noise.is_empty() {
+    if baseline.blocked || follows || !noise.is_empty() {
         return (noise, None);
     }
     let rounded = baseline.checked.samples.iter().filter(|e| e.kind == Kind::Quantization);

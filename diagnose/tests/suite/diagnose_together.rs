@@ -182,6 +182,26 @@ fn a_force_that_follows_the_states_is_no_turbulence() {
     }
 }
 
+/// A tone or an event explains a part of any force. Without a declared level of noise it seemed to be all of it, and what
+/// it leaves to be noise.
+#[test]
+fn a_force_outside_the_table_is_no_event_where_noise_is_unknown() {
+    let vehicle = builtin("quadrotor");
+    let mut silent = vehicle.clone();
+    silent.outputs.iter_mut().for_each(|o| o.noise = 0.0);
+    // The force on the roll rate is the product of roll rate and roll, or follows the magnitude of the roll rate.
+    let forces: [fn(&[f64]) -> f64; 2] = [|x| 0.4 * x[1] * x[0], |x| 0.05 * x[1].abs()];
+    for force in forces {
+        for seed in [8, 9] {
+            let push = |x: &[f64]| vec![0.0, force(x), 0.0, 0.0];
+            let record = pushed_flight(&vehicle, 25.0, &[0.0; 4], 2.0, Some(seed), push);
+            let answer = diagnosis(record, &silent);
+            assert!(answer.causes.is_empty(), "{}", answer.text());
+            assert_eq!(answer.verdict, Verdict::Unexplained, "{}", answer.text());
+        }
+    }
+}
+
 #[test]
 fn wild_values_within_the_reach_of_a_noise_that_swings_are_outliers() {
     let vehicle = builtin("quadrotor");
