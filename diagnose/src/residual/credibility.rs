@@ -15,7 +15,7 @@ use whirlstand_logs::stats::rms;
 /// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
 /// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
 /// is sized. Where the noise is not known, a lack of fit may be the noise model's: then it withdraws only events,
-/// which explain a part of anything.
+/// which explain a part of anything. Where a filter follows the record, no test tells whether there is one.
 pub fn withhold(
     selection: &mut Selection<'_, '_>,
     (lack, like): (&mut Option<LackOfFit>, &mut Option<ForceOnSignal>),
@@ -27,7 +27,7 @@ pub fn withhold(
     let known = space.declared.iter().all(|d| *d > 0.0);
     let several = selection.model.terms.len() > without.model.terms.len() + 1;
     let chance = |lack: &LackOfFit| lack.one.chance.min(lack.all.chance);
-    let asked = several || lack.as_ref().is_some_and(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
+    let asked = several || lack.as_ref().is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
     let rival = if asked && !turbulent { rival(selection, &without, space, (several, known)) } else { None };
     let believed = match (rival, &lack) {
         (Some(rival), _) => {
