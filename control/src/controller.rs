@@ -247,11 +247,6 @@ impl Controller {
         self.sliding.as_ref().map_or(&[], |s| &s.s.as_flattened()[..self.m])
     }
 
-    /// Steady state and input about which the law regulates.
-    pub fn steady_state(&self) -> (&[f64], &[f64]) {
-        (&self.steady_x[..self.n], &self.steady_u)
-    }
-
     /// Computes the command for the next period from the estimate of this one.
     ///
     /// `estimate` and `reference` have n entries, `out` m; bit i of `tracked` means that state i follows its

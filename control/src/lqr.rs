@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use whirlstand_vehicle::{DiscretiseError, finite_horizon_gramian};
 
-use crate::riccati::{Riccati, RiccatiError, care, dare};
+use crate::riccati::{Riccati, RiccatiError, care};
 
 /// Gain of `u = -K x` that minimises the integral of `x'Qx + u'Ru` along `x' = Ax + Bu`. A is n x n, B n x m, Q
 /// n x n, R m x m.
@@ -17,19 +17,6 @@ pub fn lqr(
     r: &DMatrix<f64>,
 ) -> Result<Riccati, RiccatiError> {
     care(a, b, q, r, None)
-}
-
-/// Gain of `u = -K x` that minimises the sum of `x'Qx + u'Ru` along `x+ = Ax + Bu`.
-///
-/// # Errors
-/// As [`dare`].
-pub fn dlqr(
-    a: &DMatrix<f64>,
-    b: &DMatrix<f64>,
-    q: &DMatrix<f64>,
-    r: &DMatrix<f64>,
-) -> Result<Riccati, RiccatiError> {
-    dare(a, b, q, r, None)
 }
 
 /// A continuous cost over one period with a held input, as a discrete cost `x'Qx + u'Ru + 2 x'Su`.

@@ -4,9 +4,11 @@
 //! Each kind of record is simulated for `WHIRLSTAND_SEEDS` seeds, by default one, and the share of right
 //! names is compared with the required share.
 
-use whirlstand_diagnose::{Diagnosis, Options, Verdict, diagnose};
+use whirlstand_diagnose::{Diagnosis, Verdict};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Stream, Vehicle};
+
+use crate::support::diagnosis;
 
 /// A first-order axis `rate' = a rate + b u` and its flight by a control law with integral action.
 struct Axis {
@@ -82,10 +84,6 @@ fn read(csv: &str) -> Record {
     let path = folder.path().join("flight.csv");
     std::fs::write(&path, csv).unwrap();
     whirlstand_logs::read(&path, &[]).unwrap()
-}
-
-fn diagnosis(record: Record, vehicle: &Vehicle) -> Diagnosis {
-    diagnose(vec![record], vehicle, &Options::default()).unwrap()
 }
 
 /// Outcome of a flight.
@@ -260,19 +258,12 @@ fn a_model_that_predicts_nothing_is_not_consistent() {
 /// A push explains a part of any force, and beside a filter that follows the record nothing tells whether all of it.
 #[test]
 fn a_force_outside_the_table_is_no_push_where_a_law_flies() {
-    let axis = Axis {
-        square: 0.3,
-        lag_s: 0.0,
-        gusts: 0.3,
-        period_s: 0.01,
-        duration_s: 20.0,
-        dropouts: (0, 0.0),
-        ..MULTIROTOR
-    };
+    let whole = Axis { square: 0.3, lag_s: 0.0, gusts: 0.3, dropouts: (0, 0.0), ..MULTIROTOR };
+    let axis = Axis { period_s: 0.01, duration_s: 20.0, ..whole };
     for seed in [7, 8] {
         let answer = diagnosis(axis.fly(seed), &axis.vehicle());
-        assert!(answer.causes.is_empty(), "seed {seed}: {}", answer.text());
-        assert_eq!(answer.verdict, Verdict::Unexplained, "seed {seed}: {}", answer.text());
+        let found = (answer.verdict, answer.causes.len());
+        assert_eq!(found, (Verdict::Unexplained, 0), "seed {seed}: {}", answer.text());
     }
 }
 

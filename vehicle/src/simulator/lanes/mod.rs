@@ -56,11 +56,6 @@ impl<const K: usize> SimulatorLanes<K> {
         }))
     }
 
-    /// True when they are simulated in vector registers.
-    pub fn are_together(&self) -> bool {
-        matches!(self.0, Kind::Together(_))
-    }
-
     /// Applies commands as [`Simulator::apply`].
     #[inline(always)]
     pub fn apply(&mut self, u: &[[f64; K]]) {
