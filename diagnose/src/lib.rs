@@ -121,7 +121,7 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     let memories = memories(loaded.vehicle, &data);
     let likeliest = memories.first()?;
     let longest = memories.iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds))?;
-    let best = over_commands(&loaded.remembering(longest.seconds, likeliest.seconds, filter));
+    let mut best = over_commands(&loaded.remembering(longest.seconds, likeliest.seconds, filter));
     let likelihood = best.likelihood?;
     // Named turbulence makes a free run a bad prediction and a good model.
     let plainly_likelier = free.likelihood.is_some_and(|l| l.bic_gain(&likelihood) < -MIN_BIC_GAIN);
@@ -130,8 +130,15 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     } else {
         declared && plainly_likelier && !free.answer.causes.is_empty()
     };
+    if free.means_something && free.answer.verdict == Verdict::Unexplained && !best.answer.causes.is_empty() {
+        compose::doubt(&mut best.answer, HIDDEN_BY_FILTER.into());
+    }
     (!free_stands).then_some(best)
 }
+
+/// Doubt about causes beside a filter, where a free run that means something found none.
+const HIDDEN_BY_FILTER: &str =
+    "no cause explains the record without a filter, whose process noise may hide another one";
 
 /// The answer over loaded records. Commands before a record are unknown: the first command is assumed to have
 /// been applied before, unless the causes found under that assumption are clearly worse than with inputs at

@@ -121,6 +121,16 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer
 }
 
+/// Adds what speaks against the causes of an answer as the explanation of the record.
+pub(crate) fn doubt(answer: &mut Diagnosis, doubt: String) {
+    if answer.verdict == Verdict::Explained {
+        answer.verdict = Verdict::PartlyExplained;
+    }
+    answer.remarks.push(doubt);
+    answer.advice = experiments::advice(answer);
+    answer.summary = summary(answer);
+}
+
 /// The free parameters before and after the fit.
 fn refitted(findings: &Findings<'_>) -> Vec<Refitted> {
     let vehicle = findings.baseline.vehicle();
