@@ -130,10 +130,13 @@ fn followed(loaded: &Loaded<'_>, free: &Weighed) -> Option<Weighed> {
     } else {
         declared && plainly_likelier && !free.answer.causes.is_empty()
     };
-    if free.means_something && free.answer.verdict == Verdict::Unexplained && !best.answer.causes.is_empty() {
+    if free_stands {
+        return None;
+    }
+    if free.means_something && free.answer.verdict == Verdict::Unexplained {
         compose::doubt(&mut best.answer, HIDDEN_BY_FILTER.into());
     }
-    (!free_stands).then_some(best)
+    Some(best)
 }
 
 /// Doubt about causes beside a filter, where a free run that means something found none.

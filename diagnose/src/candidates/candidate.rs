@@ -59,7 +59,7 @@ impl Candidate {
 
     /// True for a force on one state that no input, state or output causes: each gust of turbulence is one.
     pub fn is_gust(&self) -> bool {
-        matches!(self.kind, Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance)
+        self.is_event() || self.kind == Kind::PeriodicDisturbance
     }
 
     /// True for a force on one state that happens once.
