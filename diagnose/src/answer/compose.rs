@@ -180,13 +180,8 @@ fn rejected(findings: &Findings<'_>, causes: &[Cause]) -> Vec<Rejected> {
     let refused = selection.refused.iter().filter(|t| t.values.is_some()).take(REJECTED_TOLD);
     let mut all: Vec<Rejected> =
         refused.map(|t| rejection(&t.candidate, t.delta_bic, t.why.clone())).collect();
-    let rival =
-        findings.residual.out_of_library.as_ref().map(|by| format!("{} explains as much", by.description));
-    let why = rival.unwrap_or_else(|| {
-        "the remaining residual is not noise, so it is only part of another effect".into()
-    });
     let withheld = findings.residual.withheld.iter();
-    all.extend(withheld.map(|(candidate, delta_bic)| rejection(candidate, *delta_bic, why.clone())));
+    all.extend(withheld.map(|w| rejection(&w.candidate, w.delta_bic, w.why.clone())));
     for rival in selection.accepted.iter().flat_map(|a| &a.rivals).filter(|r| !r.indistinguishable()) {
         let (effect, place) = (rival.candidate.kind.name(), &rival.candidate.place);
         let known = |e: &str, p: &str| e == effect && p == place;

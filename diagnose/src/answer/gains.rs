@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::thresholds::{HELD_OUT_SHARE, LOUD_RATIO};
+use crate::thresholds::LOUD_RATIO;
 use whirlstand_logs::stats::{mean, rms};
 use whirlstand_vehicle::{Kind, Vehicle};
 
@@ -67,7 +67,7 @@ struct Trained {
 pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
     let (data, vehicle) = (baseline.data(), baseline.vehicle());
     let selection = &residual.selection;
-    let cut = ((1.0 - HELD_OUT_SHARE) * data.steps as f64) as usize;
+    let cut = data.held_out_from();
     let (asked, likeliest_s) = (baseline.checked.loaded.options.horizon_s, data.likeliest_s);
     let horizon_s = asked.unwrap_or_else(|| default_horizon_s(vehicle, data, likeliest_s));
     let follows = data.memory_s.is_some();

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use crate::thresholds::{FIRST_COMMAND_SHARE, MAX_SEARCHED_STEPS};
+use crate::thresholds::{FIRST_COMMAND_SHARE, HELD_OUT_SHARE, MAX_SEARCHED_STEPS};
 use whirlstand_logs::{Record, repeated_every};
 use whirlstand_vehicle::{Simulator, Vehicle};
 
@@ -199,6 +199,11 @@ impl Data {
     /// Length of all records, s.
     pub fn duration_s(&self) -> f64 {
         self.steps as f64 * self.period_s
+    }
+
+    /// First step of the last part, on which predictions are scored.
+    pub fn held_out_from(&self) -> usize {
+        ((1.0 - HELD_OUT_SHARE) * self.steps as f64) as usize
     }
 
     /// All values of one input.

@@ -3,89 +3,197 @@
 use crate::candidates::library::Candidate;
 use crate::model::noise::Noise;
 use crate::model::score_test::{ScoreTest, cosine};
-use crate::residual::lack_of_fit::LackOfFit;
+use crate::residual::axis::Axis;
+use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
 use crate::residual::out_of_library::{self, ForceOnSignal};
+use crate::screen::foresight;
 use crate::search::alternative::SearchSpace;
 use crate::search::selection::Selection;
-use crate::thresholds::{EXCESS_NOISE_RATIO, MIN_BIC_GAIN, RIVAL_FORCE_P_VALUE, SAME_SIGNATURE_COSINE};
+use crate::thresholds::{
+    EXCESS_NOISE_RATIO, MIN_BIC_GAIN, RIDER_SHARE, RIVAL_FORCE_P_VALUE, SAME_SIGNATURE_COSINE,
+};
 use whirlstand_logs::stats::rms;
 
-/// Withdraws causes that are not credible, with their gains in BIC. All are withdrawn where one force that
-/// follows a signal does better (it is left in `like`) or where they leave more than they explain; else
-/// those that are too small for the remaining lack of fit to be just their misfit. `start` are the values
-/// without any cause. Turbulence explains part of what causes leave, and is weighed against forces where it
-/// is sized. Where the noise is not known, a lack of fit may be the noise model's: then it withdraws only events,
-/// which explain a part of anything. Where a filter follows the record, no test tells whether there is one.
-pub fn withhold(
-    selection: &mut Selection<'_, '_>,
-    (lack, like): (&mut Option<LackOfFit>, &mut Option<ForceOnSignal>),
-    turbulent: bool,
-    start: Vec<f64>,
-    space: &SearchSpace<'_>,
-) -> Vec<(Candidate, f64)> {
-    let Some(without) = selection.without_causes(start) else { return Vec::new() };
-    let known = space.declared.iter().all(|d| *d > 0.0);
-    let several = selection.model.terms.len() > without.model.terms.len() + 1;
-    let chance = |lack: &LackOfFit| lack.one.chance.min(lack.all.chance);
-    let asked = several || lack.as_ref().is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
-    let rival = if asked && !turbulent { rival(selection, &without, space, (several, known)) } else { None };
-    let believed = match (rival, &lack) {
-        (Some(rival), _) => {
-            *lack = Some(LackOfFit::or_one(*lack, rival.gain));
-            *like = Some(rival);
-            Some(without)
-        }
-        (None, None) => None,
-        (None, Some(_)) if !turbulent && known && drowned(selection, &without, space.declared) => {
-            Some(without)
-        }
-        (None, Some(lack)) => selection.beyond(lack.left(), |c| known || c.is_event()),
-    };
-    let Some(believed) = believed else { return Vec::new() };
-    let gains = selection.accepted.iter().map(|a| a.evidence.delta_bic);
-    let all = selection.model.terms.iter().cloned().zip(gains);
-    let taken = all.filter(|(c, _)| !believed.model.terms.contains(c)).collect();
-    *selection = believed;
-    taken
+/// A cause that was found and is not believed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Withheld {
+    /// The cause.
+    pub candidate: Candidate,
+    /// Its gain in BIC.
+    pub delta_bic: f64,
+    /// The reason.
+    pub why: String,
 }
 
-/// One force that follows a signal, where it explains as much as all causes together: several causes must do clearly better,
-/// and a single one is preferred to it, because what is in the table is likelier than what is not. A force of the same
-/// signature as a single cause is that cause with another shape: friction is a force that switches with a state. Where the
-/// noise is not known, a force must gain more than several causes: orders of noise that are estimated beside each differ,
-/// and each costs nearly as much as the lead.
-fn rival(
+/// Tests of causes against simpler explanations.
+#[derive(Debug, Clone, Copy)]
+pub struct Credibility<'s> {
+    /// Inputs of the search.
+    pub space: &'s SearchSpace<'s>,
+    /// Initial states and free parameters without any cause.
+    pub start: &'s [f64],
+    /// True where turbulence is sized: it explains part of what causes leave, and is weighed against forces there.
+    pub turbulent: bool,
+    /// Channels that have errors of their own, which say nothing of the causes.
+    pub rounded: &'s [usize],
+}
+
+impl Credibility<'_> {
+    /// Withdraws causes that are not credible. In each decoupled part of the vehicle, all are withdrawn where one force
+    /// that follows a signal does better (it is left in `like`) or where they leave more than they explain; else those
+    /// that are too small for the remaining lack of fit to be just their misfit. Where the noise is not known, a lack of
+    /// fit may be the noise model's: then it withdraws only events, which explain a part of anything. Where a filter
+    /// follows the record, no test tells whether there is one.
+    pub fn withhold(
+        &self,
+        selection: &mut Selection<'_, '_>,
+        lack: &mut Option<LackOfFit>,
+        like: &mut Option<ForceOnSignal>,
+    ) -> Vec<Withheld> {
+        let mut dropped = Vec::new();
+        for axis in Axis::all(selection) {
+            let Some(without) = selection.without(&axis.terms, self.start) else { continue };
+            let left = lack.and_then(|lack| self.left_in(selection, &axis, lack));
+            if let Some(rival) = self.rival(selection, &without, &axis, left) {
+                *lack = Some(LackOfFit::or_one(*lack, rival.gain));
+                let why = format!("{} explains as much", rival.description);
+                dropped.extend(axis.terms.into_iter().map(|term| (term, why.clone())));
+                *like = Some(rival);
+            } else if let Some(left) = left {
+                let why = "the remaining residual is not noise, so it is only part of another effect";
+                let part = self.partial(selection, &without, axis, left);
+                dropped.extend(part.into_iter().map(|term| (term, why.to_owned())));
+            }
+        }
+        self.drop(selection, dropped)
+    }
+
+    /// Withdraws the causes of each decoupled part of which no output is predicted better, with them, than by its mean or
+    /// its last value, and at least one worse: where a model has no skill, anything that shrinks its predictions makes
+    /// it likelier, such as a small gain or a small sensor scale.
+    pub fn without_skill(&self, selection: &mut Selection<'_, '_>) -> Vec<Withheld> {
+        let (data, axes) = (selection.model.free_run.data, Axis::all(selection));
+        let Ok(vehicle) = selection.model.vehicle(&selection.fit.values) else { return Vec::new() };
+        if axes.is_empty() {
+            return Vec::new();
+        }
+        let found = foresight(&vehicle, data, data.held_out_from(), true);
+        let mut dropped = Vec::new();
+        for axis in axes {
+            let judged: Vec<usize> = axis.channels.into_iter().filter(|c| found.judged.contains(c)).collect();
+            if judged.is_empty() || !judged.iter().all(|c| found.contradicted.contains(c)) {
+                continue;
+            }
+            let name = |c: &usize| vehicle.outputs[data.channels[*c].output].name.as_str();
+            let why = format!(
+                "with it as well, {} on held-out data is predicted worse than by the mean or the last value",
+                judged.iter().map(name).collect::<Vec<_>>().join(", ")
+            );
+            dropped.extend(axis.terms.into_iter().map(|term| (term, why.clone())));
+        }
+        self.drop(selection, dropped)
+    }
+
+    /// The selection without some terms; they, with the reasons. None where it cannot be fitted without them.
+    fn drop(&self, selection: &mut Selection<'_, '_>, dropped: Vec<(usize, String)>) -> Vec<Withheld> {
+        let (terms, whys): (Vec<usize>, Vec<String>) = dropped.into_iter().unzip();
+        let causes = Axis::all(selection).into_iter().flat_map(|axis| axis.terms).count();
+        let start = if terms.len() == causes { self.start } else { &[] };
+        let Some(kept) = selection.without(&terms, start) else { return Vec::new() };
+        let withheld = |(term, why): (usize, String)| Withheld {
+            candidate: selection.model.terms[term].clone(),
+            delta_bic: selection.accepted[term].evidence.delta_bic,
+            why,
+        };
+        let all = terms.into_iter().zip(whys).map(withheld).collect();
+        *selection = kept;
+        all
+    }
+
+    /// The lack of fit of one part of the vehicle, where that of the whole is significant.
+    fn left_in(&self, selection: &Selection<'_, '_>, axis: &Axis, lack: LackOfFit) -> Option<LackOfFit> {
+        let channels = selection.model.free_run.data.channels.len();
+        if axis.channels.len() == channels || !lack.is_significant() {
+            return Some(lack);
+        }
+        let elsewhere = (0..channels).filter(|c| !axis.channels.contains(c) || self.rounded.contains(c));
+        lack_of_fit(&selection.model, &selection.fit, self.space.sizes, &elsewhere.collect::<Vec<_>>())
+    }
+
+    /// The causes of a part that only explain some of another effect.
+    fn partial(
+        &self,
+        selection: &Selection<'_, '_>,
+        without: &Selection<'_, '_>,
+        axis: Axis,
+        lack: LackOfFit,
+    ) -> Vec<usize> {
+        let known = self.noise_is_known();
+        if !self.turbulent && known && drowned(selection, without, &axis.channels, self.space.declared) {
+            return axis.terms;
+        }
+        let enough =
+            |term: usize| RIDER_SHARE * selection.accepted[term].evidence.detectability >= lack.left();
+        let asked = |term: usize| known || selection.model.terms[term].is_event();
+        axis.terms.into_iter().filter(|term| asked(*term) && !enough(*term)).collect()
+    }
+
+    fn noise_is_known(&self) -> bool {
+        self.space.declared.iter().all(|declared| *declared > 0.0)
+    }
+
+    /// One force that follows a signal, where it explains as much as all causes of a part together: several causes must do
+    /// clearly better, and a single one is preferred to it, because what is in the table is likelier than what is not. A
+    /// force of the same signature as a single cause is that cause with another shape: friction is a force that switches
+    /// with a state. Where the noise is not known, a force must gain more than several causes: orders of noise that are
+    /// estimated beside each differ, and each costs nearly as much as the lead.
+    fn rival(
+        &self,
+        selection: &Selection<'_, '_>,
+        without: &Selection<'_, '_>,
+        axis: &Axis,
+        lack: Option<LackOfFit>,
+    ) -> Option<ForceOnSignal> {
+        let several = axis.terms.len() > 1;
+        let chance = |lack: LackOfFit| lack.one.chance.min(lack.all.chance);
+        let asked = several || lack.is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
+        if !asked || self.turbulent {
+            return None;
+        }
+        let data = selection.model.free_run.data;
+        let bic = |s: &Selection<'_, '_>| Noise::fit(data, &s.fit.residual).bic(s.model.parameters());
+        let own = bic(without) - bic(selection);
+        let lead = match (several, self.noise_is_known()) {
+            (true, true) => -MIN_BIC_GAIN,
+            (true, false) => 0.0,
+            (false, _) => MIN_BIC_GAIN,
+        };
+        let (before, after) = ((&without.model, &without.fit), (&selection.model, &selection.fit));
+        let (rival, explained) = out_of_library::rival(before, after, axis, self.space)?;
+        if rival.gain <= own + lead {
+            return None;
+        }
+        let fit = &selection.fit;
+        let score_test = ScoreTest::new(data, &fit.profile.noise, &fit.residual, &without.fit.columns);
+        let cause: Vec<f64> = without.fit.residual.iter().zip(&fit.residual).map(|(w, s)| w - s).collect();
+        let kappa = cosine(&score_test.project(&cause), &score_test.project(&explained));
+        (several || kappa < SAME_SIGNATURE_COSINE).then_some(rival)
+    }
+}
+
+/// True when the causes leave more beyond the declared noise of their channels than they explain: they are then part of
+/// another cause.
+fn drowned(
     selection: &Selection<'_, '_>,
     without: &Selection<'_, '_>,
-    space: &SearchSpace<'_>,
-    (several, noise_known): (bool, bool),
-) -> Option<ForceOnSignal> {
-    let data = selection.model.free_run.data;
-    let bic = |s: &Selection<'_, '_>| Noise::fit(data, &s.fit.residual).bic(s.model.parameters());
-    let own = bic(without) - bic(selection);
-    let lead = match (several, noise_known) {
-        (true, true) => -MIN_BIC_GAIN,
-        (true, false) => 0.0,
-        (false, _) => MIN_BIC_GAIN,
-    };
-    let (rival, explained) =
-        out_of_library::rival((&without.model, &without.fit), (&selection.model, &selection.fit), space)?;
-    if rival.gain <= own + lead {
-        return None;
-    }
-    let fit = &selection.fit;
-    let score_test = ScoreTest::new(data, &fit.profile.noise, &fit.residual, &without.fit.columns);
-    let cause: Vec<f64> = without.fit.residual.iter().zip(&fit.residual).map(|(w, s)| w - s).collect();
-    let kappa = cosine(&score_test.project(&cause), &score_test.project(&explained));
-    (several || kappa < SAME_SIGNATURE_COSINE).then_some(rival)
-}
-
-/// True when the causes leave more beyond the declared noise than they explain: they are then part of another
-/// cause.
-fn drowned(selection: &Selection<'_, '_>, without: &Selection<'_, '_>, declared: &[f64]) -> bool {
+    channels: &[usize],
+    declared: &[f64],
+) -> bool {
     let (mut left, mut explained) = (0.0, 0.0);
     let data = selection.model.free_run.data;
-    for ((channel, range), declared) in data.channels.iter().zip(data.ranges()).zip(declared) {
+    let ranges = data.ranges();
+    for c in channels {
+        let (channel, range, declared) = (&data.channels[*c], &ranges[*c], declared[*c]);
         let power = |residual: &[f64]| {
             let good = residual[range.clone()].iter().zip(&channel.good).filter(|(_, good)| **good);
             (rms(&good.map(|(r, _)| *r).collect::<Vec<_>>()) / declared).powi(2)

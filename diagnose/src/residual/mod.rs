@@ -1,6 +1,7 @@
 //! Analysis of the residual that the causes leave: lack of fit, turbulence, narrow-band noise, forces outside
 //! the library.
 
+pub mod axis;
 pub mod basis;
 pub mod credibility;
 pub mod excess_noise;

@@ -16,6 +16,7 @@ use crate::model::forced_response::Forces;
 use crate::model::input_reconstruction::Entry;
 use crate::model::noise::{Noise, Profile};
 use crate::model::score_test::ScoreTest;
+use crate::residual::axis::Axis;
 use crate::residual::basis::{Basis, Recipe, Signal, Signals};
 use crate::residual::hysteresis_relay;
 use crate::search::alternative::SearchSpace;
@@ -106,11 +107,12 @@ fn on(vehicle: &Vehicle, entry: Entry, description: &str) -> String {
     }
 }
 
-/// The most likely force on any state or into any input, relative to the fit of a model with no cause, and the part of
-/// the samples that it explains. The signals are those of a model `with` causes, which is closer to the truth.
+/// The most likely force on any state or into any input of a part of the vehicle, relative to the fit of a model without
+/// causes there, and the part of the samples that it explains. The signals are those of a model `with` causes, which is closer to the truth.
 pub fn rival(
     (model, fit): (&Model<'_, '_>, &Fit),
     (with, its): (&Model<'_, '_>, &Fit),
+    axis: &Axis,
     space: &SearchSpace<'_>,
 ) -> Option<(ForceOnSignal, Vec<f64>)> {
     let signals = Signals::new(
@@ -121,11 +123,11 @@ pub fn rival(
     let comparison = Comparison::new(model, fit, &vehicle, space);
     let bases = signals.of_states();
     let moved = |i: &usize| vehicle.kinematic_row(*i).is_none();
-    let forces = (0..vehicle.states.len()).filter(moved);
+    let forces = axis.states.iter().copied().filter(moved);
     let forces = forces.flat_map(|i| {
         [comparison.best(Entry::State(i), &bases), comparison.relay(i, &signals.states)].into_iter().flatten()
     });
-    let inputs = 0..model.free_run.data.m;
+    let inputs = axis.inputs.iter().copied();
     let inputs = inputs.filter_map(|j| comparison.best(Entry::Input(j), &signals.of_input(j)));
     forces.chain(inputs).max_by(|(a, _), (b, _)| a.gain.total_cmp(&b.gain))
 }

@@ -34,7 +34,9 @@ pub struct Foresight {
     /// True when some output that is more than the integral of another is predicted better than by its mean
     /// and its last value.
     pub some: bool,
-    /// Channels predicted clearly worse than by mean or last value over one horizon, and better over none.
+    /// Channels that were judged: those that show more than the integral of another.
+    pub judged: Vec<usize>,
+    /// Of these, the ones predicted clearly worse than by mean or last value over one horizon, and better over none.
     pub contradicted: Vec<usize>,
 }
 
@@ -87,6 +89,7 @@ pub fn foresight(vehicle: &Vehicle, data: &Data, from: usize, all: bool) -> Fore
     let mut found = Foresight {
         some: compared.iter().any(Standing::is_better),
         contradicted: which(&|s| s.is_contradicted()),
+        judged: judged.clone(),
     };
     let open = if found.some { found.contradicted.clone() } else { judged };
     if (!found.some || all) && !open.is_empty() {

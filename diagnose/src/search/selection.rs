@@ -5,8 +5,6 @@ use crate::model::fit::{Fit, Model};
 use crate::model::free_run::ModelError;
 use crate::search::acceptance::{Rival, TermEvidence};
 use crate::search::alternative::Alternative;
-use crate::thresholds::RIDER_SHARE;
-use whirlstand_vehicle::Kind;
 
 /// Evidence and rivals of an accepted term.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,28 +68,14 @@ impl<'r, 'd> Selection<'r, 'd> {
 }
 
 impl Selection<'_, '_> {
-    /// The selection without its causes, refitted; `None` when there are none. Tones are kept, as they are
-    /// credible whatever else there is. `start` are initial states and free parameters without any cause.
-    pub fn without_causes(&self, start: Vec<f64>) -> Option<Self> {
-        let tone = |c: &Candidate| c.kind == Kind::Vibration;
-        self.model.terms.iter().any(|c| !tone(c)).then_some(())?;
+    /// The selection without some terms, refitted: from the given initial states and free parameters, or from its own where
+    /// none are given. `None` when no term is dropped, or the refit fails.
+    pub fn without(&self, dropped: &[usize], start: &[f64]) -> Option<Self> {
+        (!dropped.is_empty()).then_some(())?;
         let mut kept = self.clone();
-        kept.keep(tone);
-        let base = kept.model.base();
-        kept.fit.values.splice(..base, start.into_iter().take(base));
-        kept.fit = kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None).ok()?;
-        Some(kept)
-    }
-
-    /// The selection without those of the `asked` causes that are too small for the lack of fit `left` to be just
-    /// their misfit, refitted; `None` when there are none.
-    pub fn beyond(&self, left: f64, asked: impl Fn(&Candidate) -> bool) -> Option<Self> {
-        let enough = |a: &Accepted| RIDER_SHARE * a.evidence.detectability >= left;
-        let terms = self.accepted.iter().zip(&self.model.terms);
-        let wanted: Vec<bool> = terms.map(|(a, c)| !asked(c) || enough(a)).collect();
-        wanted.contains(&false).then_some(())?;
-        let mut kept = self.clone();
-        kept.keep_terms(|term, _, _| wanted[term]);
+        kept.keep_terms(|term, _, _| !dropped.contains(&term));
+        let base = kept.model.base().min(start.len());
+        kept.fit.values.splice(..base, start.iter().copied().take(base));
         kept.fit = kept.model.fit(kept.fit.values.clone(), self.fit.profile.noise.shared(), None).ok()?;
         Some(kept)
     }

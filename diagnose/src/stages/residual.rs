@@ -1,11 +1,10 @@
 //! Residual stage: analyses the residual that the causes leave, and whether the causes are credible.
 
 use super::select::Selected;
-use crate::candidates::Candidate;
 use crate::data::outliers::still_wild;
 use crate::data::sample_effect::SampleEffect;
 use crate::model::fit::Fit;
-use crate::residual::credibility::withhold;
+use crate::residual::credibility::{Credibility, Withheld};
 use crate::residual::excess_noise::{ExcessNoise, excess_noise};
 use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
 use crate::residual::narrow_band::{NarrowBand, narrow_band};
@@ -30,8 +29,8 @@ pub(crate) struct Residual<'r> {
     pub lack: Option<LackOfFit>,
     /// A force that would explain the final residual, or as much as the withdrawn causes.
     pub out_of_library: Option<ForceOnSignal>,
-    /// Causes that were found and withdrawn, because their residual is not noise; with their gains in BIC.
-    pub withheld: Vec<(Candidate, f64)>,
+    /// Causes that were found and withdrawn.
+    pub withheld: Vec<Withheld>,
     /// True when the causes are likelier with inputs that were at rest before the records.
     pub rest_before: bool,
 }
@@ -61,11 +60,19 @@ impl<'r> Residual<'r> {
         }
         let rest_before = baseline.data().held && rest_before(&selection);
         let mut withheld = Vec::new();
-        let asked = lack.is_some() || noise.is_empty() && !baseline.blocked;
-        if asked && !watch.is_stopped() {
+        let start = baseline.start();
+        let credibility = Credibility {
+            space: &space,
+            start: &start,
+            turbulent: turbulence.is_some(),
+            rounded: &rounded(baseline),
+        };
+        if !watch.is_stopped() {
             watch.tell("analysing the remaining residual");
-            let start = baseline.start();
-            withheld = withhold(&mut selection, (&mut lack, &mut force), turbulence.is_some(), start, &space);
+            if lack.is_some() || noise.is_empty() && !baseline.blocked {
+                withheld = credibility.withhold(&mut selection, &mut lack, &mut force);
+            }
+            withheld.extend(credibility.without_skill(&mut selection));
         }
         let mut samples = baseline.checked.samples.clone();
         still_wild(&mut samples, baseline.data(), baseline.good.clone(), &selection.fit.predicted);
@@ -101,10 +108,14 @@ fn tested(
     if baseline.blocked || follows || !noise.is_empty() {
         return (noise, None);
     }
-    let rounded = baseline.checked.samples.iter().filter(|e| e.kind == Kind::Quantization);
-    let rounded: Vec<usize> = rounded.map(|e| e.channel).collect();
-    let lack = lack_of_fit(&selection.model, &selection.fit, &baseline.sizes, &rounded);
+    let lack = lack_of_fit(&selection.model, &selection.fit, &baseline.sizes, &rounded(baseline));
     (noise, lack)
+}
+
+/// Channels with rounding errors, which no function of a signal describes.
+fn rounded(baseline: &Baseline<'_>) -> Vec<usize> {
+    let rounded = baseline.checked.samples.iter().filter(|e| e.kind == Kind::Quantization);
+    rounded.map(|e| e.channel).collect()
 }
 
 /// Noise beyond the declared one, without coloured noise that turbulence explains.

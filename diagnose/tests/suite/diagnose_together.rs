@@ -182,6 +182,28 @@ fn a_force_that_follows_the_states_is_no_turbulence() {
     }
 }
 
+/// The gain of the pitch axis was withdrawn for a force on the roll axis, which moves nothing that it explains.
+#[test]
+fn a_force_outside_the_table_hides_no_gain_of_another_axis() {
+    let mut vehicle = builtin("quadrotor");
+    for entry in [(1, 2), (3, 0), (3, 1)] {
+        vehicle.a[entry] = 0.0;
+    }
+    vehicle.b[(3, 0)] = 0.0;
+    let mut truth = vehicle.clone();
+    truth.add_effect(Effect::new(Kind::InputGain, "u_pitch", &[("factor", 0.97)]).unwrap()).unwrap();
+    for seed in [8, 9] {
+        let push = |x: &[f64]| vec![0.0, 0.4 * x[1] * x[0], 0.0, 0.0];
+        let record = pushed_flight(&truth, 25.0, &[0.0; 4], 2.0, Some(seed), push);
+        let answer = diagnosis(record, &vehicle);
+        let first = answer.causes.first().map(|cause| (cause.effect.as_str(), cause.place.as_str()));
+        assert_eq!(first, Some(("input_gain", "u_pitch")), "{}", answer.text());
+        assert_eq!(answer.verdict, Verdict::PartlyExplained, "{}", answer.text());
+        let told = answer.unexplained.description;
+        assert!(told.contains("force on roll_rate that follows roll times roll_rate"), "{told}");
+    }
+}
+
 /// A tone or an event explains a part of any force. Without a declared level of noise it seemed to be all of it, and what
 /// it leaves to be noise.
 #[test]
