@@ -102,11 +102,12 @@ impl Builder<'_> {
                 0.0,
                 0.1 * peak,
             );
-            let shares = |shares: &[f64]| shares.iter().map(|s| vec![s * peak]).collect::<Vec<_>>();
+            // Up to widths within which the input is nearly all of the time.
+            let shares = |whole: f64| [0.03, 0.1, 0.25, 0.5, 0.8].map(|share| vec![share * whole]).to_vec();
             let width = tunable("width", 0.0, peak, 1e-3 * peak);
-            self.add(Kind::DeadZone, name, &[width], shares(&[0.03, 0.1, 0.25, 0.5]));
+            self.add(Kind::DeadZone, name, &[width], shares(peak));
             let width = tunable("width", 0.0, 2.0 * peak, 1e-3 * peak);
-            self.add(Kind::Backlash, name, &[width], shares(&[0.05, 0.15, 0.4, 0.9]));
+            self.add(Kind::Backlash, name, &[width], shares(2.0 * peak));
             let fastest = 2.0 * peak / period;
             let limit = tunable("limit_per_s", 1e-3 * peak, fastest, 1e-3 * peak);
             self.add(Kind::RateLimit, name, &[limit], limits(&self.sizes.input_rates[j]));
@@ -114,7 +115,8 @@ impl Builder<'_> {
             self.modes(name);
             for (i, other) in self.vehicle.inputs.iter().enumerate() {
                 if i != j {
-                    let scale = (self.sizes.inputs[i].max(1e-3 * peak)) / peak;
+                    // Onto an input that the record does not move, a command may come in full.
+                    let scale = if self.sizes.inputs[i] > 0.0 { self.sizes.inputs[i] / peak } else { 1.0 };
                     let place = format!("{name}->{}", other.name);
                     let coefficient = tunable("coefficient", -9.0 * scale, 9.0 * scale, 1e-2 * scale);
                     self.linear(Kind::InputCoupling, &place, coefficient, 0.0, 0.1 * scale);

@@ -1,11 +1,60 @@
 //! A decoupled part of a vehicle with its part of a record.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use whirlstand_vehicle::{Subsystem, Vehicle};
+use whirlstand_vehicle::{Free, Subsystem, Vehicle};
 
+use crate::candidates::library::Candidate;
 use crate::data::record::{Channel, Data};
+use crate::model::fit::Optimum;
+use crate::model::free_run::ModelError;
 use crate::model::observer::Observer;
+use crate::model::score_test::ScoredStart;
+
+/// Bits of the values of all parameters from which something over a part starts, and a variant of it.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct Start(Vec<u64>, u8);
+
+impl Start {
+    /// A start from these values.
+    pub fn new<'v>(values: impl IntoIterator<Item = &'v f64>, variant: u8) -> Self {
+        Self(values.into_iter().map(|value| value.to_bits()).collect(), variant)
+    }
+}
+
+/// Results over a part of a vehicle, made once for each start, set of free parameters and list of terms: while causes are
+/// added to or taken from another part, this one's stay as they are.
+#[derive(Debug)]
+pub struct Memo<T>(Mutex<HashMap<Start, Vec<Made<T>>>>);
+
+#[derive(Debug)]
+struct Made<T> {
+    free: Vec<Free>,
+    terms: Vec<Candidate>,
+    result: T,
+}
+
+impl<T> Default for Memo<T> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<T: Clone> Memo<T> {
+    /// The result of an earlier call with the same arguments; else that of `make`.
+    pub fn once(&self, start: Start, (free, terms): (&[Free], &[Candidate]), make: impl FnOnce() -> T) -> T {
+        let all = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_same = |known: &&Made<T>| known.free == free && known.terms == terms;
+        if let Some(known) = all().get(&start).and_then(|known| known.iter().find(is_same)) {
+            return known.result.clone();
+        }
+        let result = make();
+        let made = Made { free: free.to_vec(), terms: terms.to_vec(), result: result.clone() };
+        all().entry(start).or_default().push(made);
+        result
+    }
+}
 
 /// A decoupled part of a vehicle, and its part of a record.
 #[derive(Debug)]
@@ -20,6 +69,12 @@ pub struct Part {
     pub data: Data,
     /// Its part of the filter that follows the record.
     pub observer: Option<Arc<Observer>>,
+    /// Its fits.
+    pub fits: Memo<Result<Optimum, ModelError>>,
+    /// Scores of the starts of candidates.
+    pub scores: Memo<Vec<ScoredStart>>,
+    /// Gains of candidates in BIC, and where their fits start.
+    pub gains: Memo<(f64, Vec<f64>)>,
 }
 
 impl Part {
@@ -44,6 +99,16 @@ impl Part {
             ..*data
         };
         let observer = observer.map(|whole| Arc::new(whole.of_part(&subsystem.states, &indices)));
-        Self { vehicle: subsystem.vehicle(vehicle), subsystem, channels: indices, data, observer }
+        let vehicle = subsystem.vehicle(vehicle);
+        Self {
+            vehicle,
+            subsystem,
+            channels: indices,
+            data,
+            observer,
+            fits: Memo::default(),
+            scores: Memo::default(),
+            gains: Memo::default(),
+        }
     }
 }

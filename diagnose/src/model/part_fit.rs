@@ -14,7 +14,7 @@ use crate::model::columns::Column;
 use crate::model::fit::{Effort, Fit, Model, Optimum};
 use crate::model::free_run::{FreeRun, ModelError};
 use crate::model::noise::{Noise, Profile};
-use crate::model::part::Part;
+use crate::model::part::{Memo, Part, Start};
 use crate::model::reach::Reach;
 
 /// A model of one part, with where its values and samples are in those of the whole.
@@ -54,11 +54,66 @@ impl Model<'_, '_> {
             let states = &within.values[..model.states()];
             states.iter().map(|i| Arc::new(within.samples(&columns[*i]))).collect()
         });
-        let found = model.optimum(within.own(start), None, initial.as_deref(), effort)?;
+        let own = within.own(start);
+        // The fit beside which it starts may have other values, and other sensitivities with them.
+        let beside = within.own(&others);
+        let variant = u8::from(initial.is_some()) + 2 * u8::from(effort == Effort::Full);
+        let found = within.part.fits.once(
+            Start::new(own.iter().chain(&beside), variant),
+            (model.free, &model.terms),
+            || model.optimum(own, None, initial.as_deref(), effort),
+        )?;
         let mut values = others;
         within.values.iter().zip(&found.values).for_each(|(i, value)| values[*i] = *value);
         let before = Noise::fit(&within.part.data, &within.samples(&fit.residual));
         Ok(Optimum { values, profile: within.joined(&fit.profile, &before, found.profile) })
+    }
+
+    /// The fit at an optimum as by [`Model::at`], beside a `fit` of the same model with or without the `changed` term, whose
+    /// values begin at index `at`: only what it affects is computed again.
+    ///
+    /// # Errors
+    /// As [`Model::at`].
+    pub fn at_beside(
+        &self,
+        fit: &Fit,
+        (changed, own): (&Candidate, &[f64]),
+        at: usize,
+        optimum: &Optimum,
+    ) -> Result<Fit, ModelError> {
+        let initial = &fit.columns[..self.states()];
+        let within = if fit.profile.noise.shared().is_none() {
+            self.within((changed, own), &optimum.values)
+        } else {
+            None
+        };
+        let Some(within) = within else { return self.at(optimum, initial) };
+        let free_run = self.free_run.of_part(&within.part);
+        let model = within.model(&free_run);
+        let values = within.own(&optimum.values);
+        let states = within.values[..model.states()].iter();
+        let initial: Vec<Column> = states.map(|i| Arc::new(within.samples(&fit.columns[*i]))).collect();
+        let part = model.at(&Optimum { values, profile: optimum.profile.clone() }, &initial)?;
+        let mut predicted = fit.predicted.clone();
+        within.put(&part.predicted, &mut predicted);
+        let added = self.terms.contains(changed);
+        let before = |i: usize| match (i < at, added) {
+            (true, _) => i,
+            (false, true) => i - own.len(),
+            (false, false) => i + own.len(),
+        };
+        let column = |i: usize| match within.values.iter().position(|of_part| *of_part == i) {
+            Some(of_part) if i >= self.states() => {
+                let mut column = vec![0.0; predicted.len()];
+                within.put(&part.columns[of_part], &mut column);
+                Arc::new(column)
+            }
+            _ => Arc::clone(&fit.columns[before(i)]),
+        };
+        let columns = (0..optimum.values.len()).map(column).collect();
+        let residual = self.free_run.data.residual(&predicted);
+        let Optimum { values, profile } = optimum.clone();
+        Ok(Fit { values, predicted, residual, profile, columns })
     }
 
     /// Change of the predicted samples when an effect is added to this model at its fit.
@@ -66,24 +121,62 @@ impl Model<'_, '_> {
     /// # Errors
     /// When the effect does not fit, or the run diverges.
     pub fn change(&self, fit: &Fit, candidate: &Candidate, own: &[f64]) -> Result<Vec<f64>, ModelError> {
-        let predicted = |mut model: Model<'_, '_>, candidate: &Candidate, values: &[f64]| {
+        self.change_of(Some(&fit.predicted), &fit.values, (candidate, own))
+    }
+
+    /// Change of the predicted samples when an effect is added to this model at these values, where it predicts
+    /// `predicted`.
+    ///
+    /// # Errors
+    /// When the effect does not fit, or a run diverges.
+    pub fn change_of(
+        &self,
+        predicted: Option<&[f64]>,
+        values: &[f64],
+        (candidate, own): (&Candidate, &[f64]),
+    ) -> Result<Vec<f64>, ModelError> {
+        let extended = |mut model: Model<'_, '_>, candidate: &Candidate, values: &[f64]| {
             model.terms.push(candidate.clone());
             model.predict(&[values, own].concat())
         };
-        let Some(within) = self.within((candidate, own), &fit.values) else {
-            let mut samples = predicted(self.clone(), candidate, &fit.values)?;
-            samples.iter_mut().zip(&fit.predicted).for_each(|(y, p)| *y -= p);
-            return Ok(samples);
+        let less = |mut samples: Vec<f64>, before: &[f64]| {
+            samples.iter_mut().zip(before).for_each(|(y, p)| *y -= p);
+            samples
+        };
+        let Some(within) = self.within((candidate, own), values) else {
+            let samples = extended(self.clone(), candidate, values)?;
+            return Ok(match predicted {
+                Some(predicted) => less(samples, predicted),
+                None => less(samples, &self.predict(values)?),
+            });
         };
         let free_run = self.free_run.of_part(&within.part);
-        let run = predicted(within.model(&free_run), &within.changed, &within.own(&fit.values))?;
-        let mut run = run.into_iter();
-        let mut samples = vec![0.0; fit.predicted.len()];
-        for range in &within.ranges {
-            let predicted = &fit.predicted[range.clone()];
-            samples[range.clone()].iter_mut().zip(predicted).zip(&mut run).for_each(|((s, p), y)| *s = y - p);
-        }
+        let (model, values) = (within.model(&free_run), within.own(values));
+        let before = match predicted {
+            Some(predicted) => within.samples(predicted),
+            None => model.predict(&values)?,
+        };
+        let mut samples = vec![0.0; self.free_run.data.ranges().last().map_or(0, |range| range.end)];
+        within.put(&less(extended(model, &within.changed, &values)?, &before), &mut samples);
         Ok(samples)
+    }
+
+    /// What `make` gives for a candidate beside the fit of this model, made once while the part on which it acts stays the
+    /// same; `variant` distinguishes calls that give something else.
+    pub fn once<T: Clone>(
+        &self,
+        fit: &Fit,
+        candidate: &Candidate,
+        (memo, variant): (impl Fn(&Part) -> &Memo<T>, u8),
+        make: impl FnOnce() -> T,
+    ) -> T {
+        let own = candidate.starts.first().filter(|_| fit.profile.noise.shared().is_none());
+        let Some(within) = own.and_then(|own| self.within((candidate, own), &fit.values)) else {
+            return make();
+        };
+        let start = Start::new(&within.own(&fit.values), variant);
+        let terms = [within.terms.as_slice(), std::slice::from_ref(candidate)].concat();
+        memo(&within.part).once(start, (&within.free, &terms), make)
     }
 
     /// The model of the part on which a term acts, beside the terms at these values; `None` where that is the whole.
@@ -146,6 +239,14 @@ impl Within {
     /// The part's samples among those of the whole.
     fn samples(&self, of_whole: &[f64]) -> Vec<f64> {
         self.ranges.iter().flat_map(|range| &of_whole[range.clone()]).copied().collect()
+    }
+
+    /// Puts samples of the part in their places in the whole.
+    fn put(&self, own: &[f64], whole: &mut [f64]) {
+        let mut own = own.iter();
+        for range in &self.ranges {
+            whole[range.clone()].iter_mut().zip(&mut own).for_each(|(of_whole, own)| *of_whole = *own);
+        }
     }
 
     /// The whole's profile with that of the part in place of what it was before.

@@ -32,6 +32,19 @@ pub struct Score {
     pub energy: f64,
 }
 
+/// The start of a candidate that scores best in a score test.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScoredStart {
+    /// Index of the start.
+    pub start: usize,
+    /// Index of the score test.
+    pub score_test: usize,
+    /// Its amplitude there.
+    pub amplitude: f64,
+    /// Its score there.
+    pub score: f64,
+}
+
 impl<'d> ScoreTest<'d> {
     /// Prepares a test; `residual` is filled, `nuisances` are columns that are not whitened.
     pub fn new(data: &'d Data, noise: &Noise, residual: &[f64], nuisances: &[Column]) -> Self {

@@ -26,16 +26,16 @@ pub struct Withheld {
 }
 
 /// Tests of causes against simpler explanations.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Credibility<'s> {
     /// Inputs of the search.
     pub space: &'s SearchSpace<'s>,
     /// Initial states and free parameters without any cause.
-    pub start: &'s [f64],
+    pub start: Vec<f64>,
     /// True where turbulence is sized: it explains part of what causes leave, and is weighed against forces there.
     pub turbulent: bool,
     /// Channels that have errors of their own, which say nothing of the causes.
-    pub rounded: &'s [usize],
+    pub rounded: Vec<usize>,
 }
 
 impl Credibility<'_> {
@@ -52,7 +52,7 @@ impl Credibility<'_> {
     ) -> Vec<Withheld> {
         let mut dropped = Vec::new();
         for axis in Axis::all(selection) {
-            let Some(without) = selection.without(&axis.terms, self.start) else { continue };
+            let Some(without) = selection.without(&axis.terms, &self.start) else { continue };
             let left = lack.and_then(|lack| self.left_in(selection, &axis, lack));
             if let Some(rival) = self.rival(selection, &without, &axis, left) {
                 *lack = Some(LackOfFit::or_one(*lack, rival.gain));
@@ -68,11 +68,14 @@ impl Credibility<'_> {
         self.drop(selection, dropped)
     }
 
-    /// Withdraws the causes of each decoupled part of which no output is predicted better, with them, than by its mean or
-    /// its last value, and at least one worse: where a model has no skill, anything that shrinks its predictions makes
-    /// it likelier, such as a small gain or a small sensor scale.
-    pub fn without_skill(&self, selection: &mut Selection<'_, '_>) -> Vec<Withheld> {
-        let (data, axes) = (selection.model.free_run.data, Axis::all(selection));
+    /// Withdraws the causes of each decoupled part of which every output is predicted, with them, worse than by its mean
+    /// over the held-out part, and better over no horizon: where a model has no skill, anything that shrinks its predictions
+    /// makes it likelier, such as a small gain or a small sensor scale. `fits` are the channels' held-out fits, %.
+    pub fn without_skill(&self, selection: &mut Selection<'_, '_>, fits: &[Option<f64>]) -> Vec<Withheld> {
+        let data = selection.model.free_run.data;
+        let worse = |c: &usize| fits[*c].is_some_and(|fit| fit < 0.0);
+        let axes: Vec<Axis> =
+            Axis::all(selection).into_iter().filter(|axis| axis.channels.iter().any(worse)).collect();
         let Ok(vehicle) = selection.model.vehicle(&selection.fit.values) else { return Vec::new() };
         if axes.is_empty() {
             return Vec::new();
@@ -81,12 +84,13 @@ impl Credibility<'_> {
         let mut dropped = Vec::new();
         for axis in axes {
             let judged: Vec<usize> = axis.channels.into_iter().filter(|c| found.judged.contains(c)).collect();
-            if judged.is_empty() || !judged.iter().all(|c| found.contradicted.contains(c)) {
+            let without_skill = |c: &usize| worse(c) && found.contradicted.contains(c);
+            if judged.is_empty() || !judged.iter().all(without_skill) {
                 continue;
             }
             let name = |c: &usize| vehicle.outputs[data.channels[*c].output].name.as_str();
             let why = format!(
-                "with it as well, {} on held-out data is predicted worse than by the mean or the last value",
+                "with it as well, held-out {} is predicted worse than by the mean",
                 judged.iter().map(name).collect::<Vec<_>>().join(", ")
             );
             dropped.extend(axis.terms.into_iter().map(|term| (term, why.clone())));
@@ -98,7 +102,7 @@ impl Credibility<'_> {
     fn drop(&self, selection: &mut Selection<'_, '_>, dropped: Vec<(usize, String)>) -> Vec<Withheld> {
         let (terms, whys): (Vec<usize>, Vec<String>) = dropped.into_iter().unzip();
         let causes = Axis::all(selection).into_iter().flat_map(|axis| axis.terms).count();
-        let start = if terms.len() == causes { self.start } else { &[] };
+        let start = if terms.len() == causes { self.start.as_slice() } else { &[] };
         let Some(kept) = selection.without(&terms, start) else { return Vec::new() };
         let withheld = |(term, why): (usize, String)| Withheld {
             candidate: selection.model.terms[term].clone(),

@@ -35,6 +35,11 @@ impl Columns {
         self.channels.first().map_or(0, Vec::len)
     }
 
+    /// Number of channels: the sources that are outputs.
+    pub fn outputs(&self) -> usize {
+        self.channels.len()
+    }
+
     /// Weighted sum of a channel's columns, and its noise model.
     fn residual(columns: &[Vec<f64>], weights: &[f64]) -> (Vec<f64>, Ar) {
         let mut residual = vec![0.0; columns.first().map_or(0, Vec::len)];

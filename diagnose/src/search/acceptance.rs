@@ -145,11 +145,8 @@ fn gain_if_zeros_wander(model: &Model<'_, '_>, fit: &Fit, extended: &Fit, parame
 
 /// Signature of a fitted candidate: change of the samples at its values, other values fixed.
 fn signature(model: &Model<'_, '_>, candidate: &Candidate, values: &[f64]) -> Option<Vec<f64>> {
-    let mut whole = model.clone();
-    whole.terms.push(candidate.clone());
-    let others = &values[..values.len() - candidate.tunables.len()];
-    let without = model.predict(others).ok()?;
-    Some(whole.predict(values).ok()?.iter().zip(&without).map(|(a, b)| a - b).collect())
+    let (others, own) = values.split_at(values.len() - candidate.tunables.len());
+    model.change_of(None, others, (candidate, own)).ok()
 }
 
 fn detectability(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative) -> Option<f64> {

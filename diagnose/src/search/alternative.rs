@@ -27,7 +27,9 @@ impl Alternative {
     pub fn whole<'r, 'd>(&self, model: &Model<'r, 'd>, fit: &Fit) -> Option<(Model<'r, 'd>, Fit)> {
         let mut whole = model.clone();
         whole.terms.push(self.candidate.clone());
-        let fit = whole.at(self.optimum.as_ref()?, &fit.columns[..model.states()]).ok()?;
+        let optimum = self.optimum.as_ref()?;
+        let at = optimum.values.len() - self.candidate.tunables.len();
+        let fit = whole.at_beside(fit, (&self.candidate, &optimum.values[at..]), at, optimum).ok()?;
         Some((whole, fit))
     }
 }

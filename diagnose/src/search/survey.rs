@@ -12,20 +12,11 @@ use crate::candidates::library::Candidate;
 use crate::candidates::tones;
 use crate::model::fit::{Effort, Fit, Model};
 use crate::model::noise::Noise;
-use crate::model::score_test::ScoreTest;
+use crate::model::score_test::{ScoreTest, ScoredStart};
 use crate::model::step_response::Responses;
 use crate::search::alternative::{Alternative, SearchSpace, fitted, fitted_with};
 use crate::search::survey_order::{once, simpler_first};
 use whirlstand_ident::watch::{Counter, Watch};
-
-/// A signature at one start, with its result in a score test.
-#[derive(Debug, Clone)]
-struct ScoredStart {
-    start: usize,
-    amplitude: f64,
-    score: f64,
-    score_test: usize,
-}
 
 /// Scores every candidate of the search space, and the events and tones that the residual suggests. Best
 /// first.
@@ -99,35 +90,45 @@ fn profiles(
 ) -> Vec<(Alternative, Vec<f64>)> {
     let watch = counter.watch;
     let scored = candidates.into_par_iter().map(|candidate| {
-        let starts =
-            if watch.is_stopped() { Vec::new() } else { scored_starts(model, fit, score_tests, &candidate) };
+        let scored = || scored_starts(model, fit, score_tests, &candidate);
+        let starts = if watch.is_stopped() {
+            Vec::new()
+        } else {
+            model.once(fit, &candidate, (|part| &part.scores, 0), scored)
+        };
         counter.step();
         (candidate, starts)
     });
     let scored: Vec<(Candidate, Vec<ScoredStart>)> = scored.collect();
     let promising = promising(&scored, score_tests.len(), 1.0 / model.free_run.data.period_s);
     let rows = (fit.profile.rows as f64).ln();
-    let profile = |((candidate, starts), promising): ((Candidate, Vec<ScoredStart>), bool)| {
+    let gain = |candidate: &Candidate, starts: &[ScoredStart], promising: bool| {
         let cost = candidate.tunables.len() as f64 * rows;
         let mut best = (-cost, candidate.starts.first().cloned().unwrap_or_default());
-        for scored in &starts {
+        for scored in starts {
             let score_test = &score_tests[scored.score_test];
             let (gain, values) = if !promising || watch.is_stopped() {
                 // The first test uses the noise model of the fit itself.
                 let gain = if scored.score_test == 0 { scored.score - cost } else { -cost };
-                (gain, start(&candidate, scored))
+                (gain, start(candidate, scored))
             } else if candidate.kind == Kind::ModeTransition {
-                located(model, fit, score_test, &candidate, scored)
+                located(model, fit, score_test, candidate, scored)
             } else {
                 let values = &candidate.starts[scored.start];
-                let gain = profiled(model, fit, score_test, &candidate, values, scored.amplitude);
-                (gain.unwrap_or(-cost), start(&candidate, scored))
+                let gain = profiled(model, fit, score_test, candidate, values, scored.amplitude);
+                (gain.unwrap_or(-cost), start(candidate, scored))
             };
             if gain > best.0 {
                 best = (gain, values);
             }
         }
-        let (delta_bic, values) = best;
+        best
+    };
+    let profile = |((candidate, starts), promising): ((Candidate, Vec<ScoredStart>), bool)| {
+        let cost = candidate.tunables.len() as f64 * rows;
+        let variant = u8::from(promising);
+        let (delta_bic, values) = model
+            .once(fit, &candidate, (|part| &part.gains, variant), || gain(&candidate, &starts, promising));
         let ratio = delta_bic + cost;
         (Alternative { candidate, optimum: None, beside: Vec::new(), delta_bic, ratio }, values)
     };

@@ -14,6 +14,7 @@ pub fn without<'r, 'd>(
 ) -> Result<(Model<'r, 'd>, Fit), ModelError> {
     let mut reduced = model.clone();
     let range = model.range(term);
+    let at = range.start;
     reduced.terms.remove(term);
     let mut values = fit.values.clone();
     let own: Vec<f64> = values.drain(range).collect();
@@ -21,6 +22,6 @@ pub fn without<'r, 'd>(
     let changed = (&model.terms[term], own.as_slice());
     let optimum =
         reduced.optimum_beside(fit, changed, (&values, values.clone()), Some(initial), Effort::Full)?;
-    let without = reduced.at(&optimum, initial)?;
+    let without = reduced.at_beside(fit, changed, at, &optimum)?;
     Ok((reduced, without))
 }

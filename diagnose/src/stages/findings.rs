@@ -7,7 +7,7 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 use super::baseline::Baseline;
 use super::residual::Residual;
 use crate::answer::Estimate;
-use crate::answer::gains::{Gains, gains, output_error};
+use crate::answer::gains::{self, Gains, output_error};
 use crate::candidates::Tunable;
 use crate::residual::narrow_band;
 
@@ -24,13 +24,17 @@ pub(crate) struct Findings<'r> {
 }
 
 impl<'r> Findings<'r> {
-    pub fn new(baseline: &'r Baseline<'r>, residual: Residual<'r>) -> Self {
+    pub fn new(baseline: &'r Baseline<'r>, mut residual: Residual<'r>) -> Self {
+        let mut gains = gains::gains(baseline, &residual);
+        let fits: Vec<Option<f64>> = gains.channels.iter().map(|channel| channel.horizon.1.fit).collect();
+        if residual.withdraw_without_skill(baseline, &fits) {
+            gains = gains::gains(baseline, &residual);
+        }
         let (model, fit) = (&residual.selection.model, &residual.selection.fit);
         let simulated = if model.free.is_empty() { None } else { output_error(model, fit) };
         let values = simulated.map_or_else(|| fit.values.clone(), |(values, _)| values);
         let extended = extended(baseline.vehicle(), &residual, &values);
         let refitted = values[model.states()..model.base()].to_vec();
-        let gains = gains(baseline, &residual);
         Self { baseline, residual, extended, refitted, gains }
     }
 }

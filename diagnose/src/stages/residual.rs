@@ -11,6 +11,7 @@ use crate::residual::narrow_band::{NarrowBand, narrow_band};
 use crate::residual::out_of_library::ForceOnSignal;
 use crate::residual::turbulence::Turbulence;
 use crate::residual::with_turbulence::with_turbulence;
+use crate::search::alternative::SearchSpace;
 use crate::search::selection::Selection;
 use crate::stages::baseline::Baseline;
 use crate::stages::select::rest_before;
@@ -60,19 +61,11 @@ impl<'r> Residual<'r> {
         }
         let rest_before = baseline.data().held && rest_before(&selection);
         let mut withheld = Vec::new();
-        let start = baseline.start();
-        let credibility = Credibility {
-            space: &space,
-            start: &start,
-            turbulent: turbulence.is_some(),
-            rounded: &rounded(baseline),
-        };
-        if !watch.is_stopped() {
+        let asked = lack.is_some() || noise.is_empty() && !baseline.blocked;
+        if asked && !watch.is_stopped() {
             watch.tell("analysing the remaining residual");
-            if lack.is_some() || noise.is_empty() && !baseline.blocked {
-                withheld = credibility.withhold(&mut selection, &mut lack, &mut force);
-            }
-            withheld.extend(credibility.without_skill(&mut selection));
+            let credibility = credibility(baseline, &space, turbulence.is_some());
+            withheld = credibility.withhold(&mut selection, &mut lack, &mut force);
         }
         let mut samples = baseline.checked.samples.clone();
         still_wild(&mut samples, baseline.data(), baseline.good.clone(), &selection.fit.predicted);
@@ -94,6 +87,25 @@ impl<'r> Residual<'r> {
             rest_before,
         }
     }
+
+    /// Withdraws causes with which the vehicle still predicts nothing, by the held-out fit of each channel, %; `true` when
+    /// there are such.
+    pub fn withdraw_without_skill(&mut self, baseline: &Baseline<'_>, fits: &[Option<f64>]) -> bool {
+        let space = baseline.space();
+        if space.watch.is_stopped() {
+            return false;
+        }
+        let credibility = credibility(baseline, &space, self.turbulence.is_some());
+        let withdrawn = credibility.without_skill(&mut self.selection, fits);
+        let any = !withdrawn.is_empty();
+        self.withheld.extend(withdrawn);
+        any
+    }
+}
+
+/// Tests of the credibility of causes, which start from the baseline.
+fn credibility<'s>(baseline: &Baseline<'_>, space: &'s SearchSpace<'s>, turbulent: bool) -> Credibility<'s> {
+    Credibility { space, start: baseline.start(), turbulent, rounded: rounded(baseline) }
 }
 
 /// Excess noise, and the lack-of-fit test: made only where no noise is in excess. Also the residual under a noise model

@@ -8,7 +8,7 @@ use whirlstand_diagnose::{Diagnosis, Verdict};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::{Effect, Kind, Vehicle};
 
-use crate::support::{diagnosis, flight, named, pushed_flight};
+use crate::support::{diagnosis, flight, named, pushed_flight, steered_flight, stick};
 
 const PERIOD_S: f64 = 0.01;
 
@@ -127,5 +127,34 @@ fn a_fast_mode_is_listed_beside_the_gain_that_it_looks_like() {
         let named = named(&answer);
         assert_eq!(named.len(), 1, "seed {seed}: {}", answer.text());
         assert!(named[0].contains(&"unmodelled_mode(u_roll)".into()), "seed {seed}: {}", answer.text());
+    }
+}
+
+/// The sole cause or one that the record does not distinguish from it.
+#[track_caller]
+fn is_named(answer: &Diagnosis, cause: &str) {
+    let all = named(answer);
+    assert!(all.len() == 1 && all[0].iter().any(|name| name == cause), "{cause}: {}", answer.text());
+}
+
+/// Onto an input that the record does not move, no more than a thousandth of a command was taken to be possible: the
+/// coupling was a changed entry of B alone.
+#[test]
+fn a_coupling_onto_an_input_at_rest_is_named() {
+    let truth = with(&[(Kind::InputCoupling, "u_roll->u_pitch", &[("coefficient", -0.07)])]);
+    for seed in [5, 6] {
+        let steer = |t: f64, j: usize| if j == 0 { 3.0 * stick(t, j) } else { 0.0 };
+        let record = steered_flight(&truth, 20.0, &[0.0; 4], Some(seed), steer, |x| vec![0.0; x.len()]);
+        is_named(&diagnosis(record, &quadrotor()), "input_coupling(u_roll->u_pitch)");
+    }
+}
+
+/// An actuator that only the largest commands move: the search began at widths of at most half of that.
+#[test]
+fn a_backlash_that_takes_nearly_all_of_the_motion_is_named() {
+    let truth = with(&[(Kind::Backlash, "u_pitch", &[("width", 9.0)])]);
+    for seed in [5, 6] {
+        let record = flight(&truth, 20.0, &[0.0; 4], 1.0, Some(seed));
+        is_named(&diagnosis(record, &quadrotor()), "backlash(u_pitch)");
     }
 }

@@ -3,7 +3,7 @@
 #[path = "../../../../ident/tests/suite/support/mod.rs"]
 mod flights;
 
-pub use flights::{changed, flight, pushed_flight, steered_flight, with_gap};
+pub use flights::{changed, flight, pushed_flight, steered_flight, stick, with_gap};
 use whirlstand_diagnose::{Diagnosis, Options, diagnose};
 use whirlstand_logs::Record;
 use whirlstand_vehicle::Vehicle;
