@@ -35,11 +35,6 @@ impl Columns {
         self.channels.first().map_or(0, Vec::len)
     }
 
-    /// Number of channels: the sources that are outputs.
-    pub fn outputs(&self) -> usize {
-        self.channels.len()
-    }
-
     /// Weighted sum of a channel's columns, and its noise model.
     fn residual(columns: &[Vec<f64>], weights: &[f64]) -> (Vec<f64>, Ar) {
         let mut residual = vec![0.0; columns.first().map_or(0, Vec::len)];
@@ -100,6 +95,18 @@ pub(super) fn factor(columns: &Columns, weights: &[f64], members: &[usize]) -> O
     let white = FactorLikelihood::new(columns, weights, true).factor(weights, members)?;
     let raw = FactorLikelihood::new(columns, weights, false).factor(weights, members)?;
     Some(Factor { log: white.log, half: FACTOR_SIGMAS * white.half + (white.log - raw.log).abs() })
+}
+
+/// The weights, those of all inputs other than the `members` at their own most likely values: one of them may have a fault,
+/// and its responses are correlated with those to the others. The sources of a channel are all outputs, then all inputs.
+pub(super) fn other_inputs_free(columns: &Columns, weights: &[f64], members: &[usize]) -> Vec<f64> {
+    let mut weights = weights.to_vec();
+    for input in (columns.channels.len()..weights.len()).filter(|input| !members.contains(input)) {
+        if let Some(factor) = factor(columns, &weights, &[input]) {
+            weights[input] *= factor.log.exp();
+        }
+    }
+    weights
 }
 
 impl FactorLikelihood {
@@ -195,4 +202,33 @@ fn highest(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
         }
     }
     0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use whirlstand_vehicle::Stream;
+
+    /// An actuator that has lost two thirds of its effect made the unit of another command look wrong, as the two move together.
+    #[test]
+    fn the_size_of_an_input_does_not_depend_on_a_fault_of_another() {
+        let mut stream = Stream::new(7, "commands");
+        let (mut output, mut weak, mut right) = (Vec::new(), Vec::new(), Vec::new());
+        let mut slow = 0.0;
+        for _ in 0..2000 {
+            slow = 0.9 * slow + stream.normal();
+            let own = 0.5 * slow + 0.2 * stream.normal();
+            output.push(0.3 * slow + own + 0.1 * stream.normal());
+            // The innovation is the output less the responses to the inputs.
+            weak.push(-slow);
+            right.push(-own);
+        }
+        let columns = Columns { channels: vec![vec![output, weak, right]], declared: vec![0.1] };
+        let ones = [1.0; 3];
+        let alone = factor(&columns, &ones, &[2]);
+        assert!(alone.is_none_or(|factor| factor.log.abs() > 3.0 * factor.half), "{alone:?}");
+        let weights = other_inputs_free(&columns, &ones, &[2]);
+        let beside = factor(&columns, &weights, &[2]).unwrap();
+        assert!(beside.log.abs() < 0.5, "{weights:?}: {beside:?}");
+    }
 }

@@ -37,10 +37,8 @@ type Trial<'g> = ((f64, f64), &'g Vec<usize>, f64);
 struct Weighed {
     columns: Columns,
     log_likelihood: f64,
-    /// Factor by which every column is multiplied: those of the outputs, then those of the inputs.
+    /// Factor by which every column is multiplied.
     weights: Vec<f64>,
-    /// Number of outputs.
-    outputs: usize,
     units: Vec<WrongUnit>,
 }
 
@@ -145,7 +143,7 @@ fn weigh(columns: Columns, groups: &[Vec<usize>]) -> Weighed {
         found.push(WrongUnit { members: members.clone(), ratio, or });
         (weights, log_likelihood) = (scaled(&weights, members, 1.0 / ratio), best.0);
     }
-    Weighed { outputs: columns.outputs(), columns, log_likelihood, weights, units: found }
+    Weighed { columns, log_likelihood, weights, units: found }
 }
 
 /// Remaining scale error of columns. The interval of the best predictor is widened by the difference to another one, and to
@@ -153,21 +151,10 @@ fn weigh(columns: Columns, groups: &[Vec<usize>]) -> Weighed {
 fn factor(best: &Weighed, beside: &Weighed, members: &[usize]) -> Option<Factor> {
     let left = |weighed: &Weighed, weights: &[f64]| gain::factor(&weighed.columns, weights, members);
     let (own, other) = (left(best, &best.weights)?, left(beside, &best.weights)?);
-    let others = left(best, &other_inputs_free(best, members))?;
+    let others = left(best, &gain::other_inputs_free(&best.columns, &best.weights, members))?;
     let half = own.half + (own.log - other.log).abs() + (own.log - others.log).abs();
     // Weights multiply a column: the scale error is their inverse.
     Some(Factor { log: -own.log, half })
-}
-
-/// The weights, those of all other inputs at their own most likely values.
-fn other_inputs_free(best: &Weighed, members: &[usize]) -> Vec<f64> {
-    let mut weights = best.weights.clone();
-    for input in (best.outputs..weights.len()).filter(|input| !members.contains(input)) {
-        if let Some(factor) = gain::factor(&best.columns, &weights, &[input]) {
-            weights[input] *= factor.log.exp();
-        }
-    }
-    weights
 }
 
 /// Ratios of units, and the sign of another convention of axes.
