@@ -65,7 +65,7 @@ impl Credibility<'_> {
                 dropped.extend(part.into_iter().map(|term| (term, why.to_owned())));
             }
         }
-        self.drop(selection, dropped)
+        self.withdraw(selection, dropped)
     }
 
     /// Withdraws the causes of each decoupled part of which every output is predicted, with them, worse than by its mean
@@ -95,11 +95,11 @@ impl Credibility<'_> {
             );
             dropped.extend(axis.terms.into_iter().map(|term| (term, why.clone())));
         }
-        self.drop(selection, dropped)
+        self.withdraw(selection, dropped)
     }
 
     /// The selection without some terms; they, with the reasons. None where it cannot be fitted without them.
-    fn drop(&self, selection: &mut Selection<'_, '_>, dropped: Vec<(usize, String)>) -> Vec<Withheld> {
+    fn withdraw(&self, selection: &mut Selection<'_, '_>, dropped: Vec<(usize, String)>) -> Vec<Withheld> {
         let (terms, whys): (Vec<usize>, Vec<String>) = dropped.into_iter().unzip();
         let causes = Axis::all(selection).into_iter().flat_map(|axis| axis.terms).count();
         let start = if terms.len() == causes { self.start.as_slice() } else { &[] };
@@ -208,4 +208,66 @@ fn drowned(
         left += if after > EXCESS_NOISE_RATIO * EXCESS_NOISE_RATIO { after - 1.0 } else { 0.0 };
     }
     left > explained.max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::candidates::library::{Sizes, library};
+    use crate::data::flown::flown;
+    use crate::model::fit::{Model, Optimum};
+    use crate::model::free_run::FreeRun;
+    use crate::search::acceptance::TermEvidence;
+    use crate::search::selection::Accepted;
+    use whirlstand_ident::watch::Watch;
+    use whirlstand_vehicle::{Effect, Kind, Stream, Vehicle};
+
+    /// A vehicle with a roll and a yaw axis of their own.
+    fn two_axes() -> Vehicle {
+        let text = "A = [[-1.0, 0.0], [0.0, -1.0]]\nB = [[5.0, 0.0], [0.0, 5.0]]\n\
+                    states = [{ name = \"roll_rate\" }, { name = \"yaw_rate\" }]\n\
+                    inputs = [{ name = \"u_roll\" }, { name = \"u_yaw\" }]\n\
+                    outputs = [{ name = \"roll_rate\" }, { name = \"yaw_rate\" }]\n";
+        let mut vehicle = Vehicle::parse(text, "axes.toml").unwrap();
+        vehicle.outputs.iter_mut().for_each(|output| output.noise = 0.02);
+        vehicle
+    }
+
+    /// A sensor scale that shrinks predictions makes an axis likelier of which the vehicle predicts nothing: it is not
+    /// believed. The gain of the other axis is.
+    #[test]
+    fn a_cause_with_which_nothing_is_predicted_is_not_believed() {
+        let vehicle = two_axes();
+        let mut weaker = vehicle.clone();
+        weaker.add_effect(Effect::new(Kind::InputGain, "u_yaw", &[("factor", 0.8)]).unwrap()).unwrap();
+        let input = |k: usize, j: usize| if k % (70 + 30 * j) < 35 { 0.3 } else { -0.3 };
+        let mut data = flown(&weaker, (0..4000).map(|at| input(at / 2, at % 2)).collect(), 5);
+        let mut stream = Stream::new(3, "roll_rate");
+        data.channels[0].values.iter_mut().for_each(|value| *value = stream.normal());
+        let sizes = Sizes::ones(&vehicle, 40.0, 0.02);
+        let candidates = library(&vehicle, &sizes, &[0, 1]);
+        let term = |kind: Kind, place: &str| {
+            candidates.iter().find(|c| c.kind == kind && c.place == place).unwrap().clone()
+        };
+        let terms = vec![term(Kind::SensorScale, "roll_rate"), term(Kind::InputGain, "u_yaw")];
+        let free_run = FreeRun::new(&vehicle, &data);
+        let nothing = Model { free_run: &free_run, free: &[], terms: Vec::new() };
+        let mut selection = Selection::nothing(nothing, vec![0.0; 2]).unwrap();
+        selection.model.terms = terms.clone();
+        let optimum = Optimum { values: vec![0.0, 0.0, 0.5, 0.8], profile: selection.fit.profile.clone() };
+        selection.fit = selection.model.at(&optimum, &selection.null.columns).unwrap();
+        let evidence = TermEvidence { delta_bic: 99.0, heldout: 9.0, p_value: 0.0, detectability: 99.0 };
+        selection.accepted = vec![Accepted { evidence, rivals: Vec::new() }; 2];
+        let watch = Watch::default();
+        let space =
+            SearchSpace { library: &candidates, sizes: &sizes, most: 5, declared: &[0.02; 2], watch: &watch };
+        let credibility =
+            Credibility { space: &space, start: vec![0.0; 2], turbulent: false, rounded: Vec::new() };
+        let withheld = credibility.without_skill(&mut selection, &[Some(1.0), Some(90.0)]);
+        assert_eq!(withheld, [], "better than the mean");
+        let withheld = credibility.without_skill(&mut selection, &[Some(-1.0), Some(90.0)]);
+        assert_eq!(withheld.len(), 1, "{withheld:?}");
+        assert_eq!((&withheld[0].candidate, &selection.model.terms[..]), (&terms[0], &terms[1..]));
+        assert!(withheld[0].why.contains("held-out roll_rate is predicted worse"), "{}", withheld[0].why);
+    }
 }
