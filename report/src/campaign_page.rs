@@ -8,6 +8,7 @@ use whirlstand_campaign::{
 use whirlstand_logs::shown::{ShownUnit, number};
 
 use super::ReportError;
+use super::labels::with_unit;
 use super::page::{Attachment, Cell, Level, Page, Row, Section, Table};
 use super::plot::{Plot, Style, Trace};
 
@@ -143,11 +144,6 @@ fn column(flights: &[Flight], at: usize, unit: &ShownUnit) -> Vec<f64> {
     values.map(|value| value * unit.factor()).collect()
 }
 
-/// Label of an axis: key and unit.
-fn axis(key: &str, unit: &str) -> String {
-    if unit.is_empty() { key.into() } else { format!("{key}, {unit}") }
-}
-
 /// Histograms of the figures that have a limit, with the limit.
 fn figures(report: &CampaignReport) -> Section {
     let columns = &report.table.info.columns;
@@ -169,7 +165,7 @@ fn figures(report: &CampaignReport) -> Section {
         // The last edge closes the outline.
         counts.push(0.0);
         let edges: Vec<f64> = (0..=BARS).map(|bar| low + bar as f64 * width).collect();
-        let label = axis(&limit.key, unit.symbol());
+        let label = with_unit(&limit.key, unit.symbol());
         let mut plot = Plot::new(format!("figure-{i}"), limit.key.clone(), label, "flights");
         let most = counts.iter().copied().fold(0.0, f64::max);
         plot.traces.push(Trace::new("flights", 0, Style::Histogram, &edges, &counts));
@@ -215,7 +211,7 @@ fn moved(report: &CampaignReport) -> Section {
         if draws.iter().all(|v| v.is_nan()) {
             return None;
         }
-        let label = axis(&first.key, &columns.keys[key].1);
+        let label = with_unit(&first.key, &columns.keys[key].1);
         let mut plot = Plot::new(format!("moved-{i}"), figure.key.clone(), label, unit.symbol());
         plot.traces.push(Trace::new("flights", 0, Style::Cloud, &draws, &column(flights, at, &unit)));
         Some(plot)

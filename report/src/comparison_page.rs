@@ -1,6 +1,7 @@
 //! The report of a comparison.
 
 use super::ReportError;
+use super::labels::{density, squared, with_unit};
 use super::page::{Cell, Level, Page, Row, Section, Table};
 use super::plot::{Plot, Span, SpanKind, Style, Trace};
 use whirlstand_ident::compare::{Comparison, OutputComparison, OutputSeries, spectrum};
@@ -110,7 +111,7 @@ fn table(c: &Comparison) -> Table {
         });
         let noise = Some(o.declared_noise).filter(|n| *n > 0.0);
         Row {
-            label: format!("{name}, {}", o.unit),
+            label: with_unit(name, o.unit.symbol()),
             group: false,
             cells: vec![
                 fit(o.fit),
@@ -185,14 +186,6 @@ fn output(c: &Comparison, s: &OutputSeries, o: &OutputComparison) -> Section {
     }
 }
 
-fn squared(unit: &str) -> String {
-    match unit {
-        "" => String::new(),
-        u if u.contains('/') => format!("({u})²"),
-        u => format!("{u}²"),
-    }
-}
-
 fn spectrum_plot(
     c: &Comparison,
     s: &OutputSeries,
@@ -203,8 +196,7 @@ fn spectrum_plot(
     let factor = o.unit.factor();
     let id = format!("spectrum-{}", s.name);
     let spectrum = spectrum(residual, &s.measured, c.period_s);
-    let mut plot =
-        Plot::new(id, "spectrum of the residual", "frequency, Hz", format!("{} / Hz", squared(unit)));
+    let mut plot = Plot::new(id, "spectrum of the residual", "frequency, Hz", density(unit));
     plot.log_x = true;
     plot.log_y = true;
     let density: Vec<f64> = spectrum.density.iter().map(|d| d * factor * factor).collect();

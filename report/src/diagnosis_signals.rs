@@ -1,6 +1,7 @@
 //! The signals of a diagnosis: outputs, residuals, their spectra and correlations, and the evidence.
 
 use super::correlation::correlation;
+use super::labels::{density, with_unit};
 use super::page::Section;
 use super::plot::{Plot, Span, SpanKind, Style, Trace};
 use whirlstand_diagnose::Diagnosis;
@@ -96,14 +97,6 @@ fn even(residual: &[f64]) -> (Vec<f64>, Vec<usize>) {
     (rows.iter().map(value).collect(), rows)
 }
 
-fn squared(unit: &str) -> String {
-    match unit {
-        "" => String::new(),
-        u if u.contains('/') => format!("({u})²"),
-        u => format!("{u}²"),
-    }
-}
-
 fn spectrum(
     answer: &Diagnosis,
     o: &OutputFigure,
@@ -112,8 +105,7 @@ fn spectrum(
     unit: &str,
 ) -> Plot {
     let title = "spectrum of the residual";
-    let mut plot =
-        Plot::new(format!("spectrum-{}", o.name), title, "frequency, Hz", format!("{} / Hz", squared(unit)));
+    let mut plot = Plot::new(format!("spectrum-{}", o.name), title, "frequency, Hz", density(unit));
     (plot.log_x, plot.log_y) = (true, true);
     for (place, (name, colour, values)) in runs.iter().enumerate() {
         let (residual, rows) = even(&difference(&o.measured, values));
@@ -171,10 +163,7 @@ pub(crate) fn evidence(answer: &Diagnosis, accepted: bool) -> Vec<Plot> {
 }
 
 fn label(axis: &Axis) -> String {
-    match axis.unit.symbol() {
-        "" => axis.name.clone(),
-        unit => format!("{}, {unit}", axis.name),
-    }
+    with_unit(&axis.name, axis.unit.symbol())
 }
 
 fn evidence_plot(curve: &EvidenceCurve, place: usize) -> Plot {

@@ -1,5 +1,6 @@
 //! The tables of a diagnosis.
 
+use super::labels::with_unit;
 use super::page::{Cell, Level, Row, Section, Table};
 use whirlstand_diagnose::Diagnosis;
 use whirlstand_diagnose::answer::{Cause, Estimate};
@@ -107,7 +108,7 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
         };
         let ratio = errors.1.filter(|_| o.noise_floor > 0.0).map(|e| e / o.noise_floor);
         row(
-            format!("{name}, {}", o.unit),
+            with_unit(name, o.unit.symbol()),
             vec![
                 Cell::new(percent(o.fit_before)),
                 Cell::leveled(percent(o.fit_after), gained),

@@ -1,5 +1,6 @@
 //! The tables of a run report.
 
+use super::labels::with_unit;
 use super::outcome::Expected;
 use super::page::{Cell, Level, Row, Table};
 use whirlstand_evaluate::summary::{Figure, RunSummary};
@@ -50,7 +51,7 @@ pub fn output_table(summaries: &[RunSummary]) -> Table {
     let rows = names.into_iter().map(|name| {
         let unit = &first.outputs[name].unit;
         let what = if tracked(name) { " (tracked)" } else { "" };
-        (format!("{name}, {unit}{what}"), name.as_str(), unit)
+        (format!("{}{what}", with_unit(name, unit.symbol())), name.as_str(), unit)
     });
     let columns: Vec<Column> = OUTPUT_COLUMNS
         .iter()
@@ -64,8 +65,7 @@ pub fn input_table(summaries: &[RunSummary]) -> Table {
     let Some(first) = summaries.first() else { return Table::default() };
     let rows = first.inputs.iter().map(|(name, input)| {
         let unit = &input.unit;
-        let label = if unit.symbol().is_empty() { name.clone() } else { format!("{name}, {unit}") };
-        (label, name.as_str(), unit)
+        (with_unit(name, unit.symbol()), name.as_str(), unit)
     });
     let columns: Vec<Column> = INPUT_COLUMNS
         .iter()

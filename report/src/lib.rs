@@ -9,6 +9,7 @@ mod diagnosis_signals;
 mod diagnosis_tables;
 mod figures_table;
 mod identification_page;
+mod labels;
 mod outcome;
 mod packed;
 pub mod page;
