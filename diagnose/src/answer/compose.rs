@@ -10,7 +10,7 @@ use super::schema::*;
 use super::{doubts, evidence, experiments, remainder};
 use crate::candidates::Candidate;
 use crate::data::record::Data;
-use crate::model::free_run::ModelError;
+use crate::model::optimum::ModelError;
 use crate::model::predictor::gain_of_inputs;
 use crate::residual::lack_of_fit::LackOfFit;
 use crate::screen;

@@ -11,8 +11,8 @@ use whirlstand_ident::identify::search::{Derivatives, Limits, Point, search};
 use crate::data::record::Data;
 use crate::model::columns::{Column, Slot, Sparse, dot};
 use crate::model::fit::{Effort, Fit, Model};
-use crate::model::free_run::ModelError;
 use crate::model::noise::Noise;
+use crate::model::optimum::ModelError;
 use crate::thresholds::{DESCENT_LIMITS, FIT_TOLERANCE};
 
 impl Model<'_, '_> {

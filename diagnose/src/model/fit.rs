@@ -4,8 +4,9 @@ use whirlstand_vehicle::{Effect, Free, Vehicle};
 
 use crate::candidates::library::Candidate;
 use crate::model::columns::Column;
-use crate::model::free_run::{FreeRun, ModelError};
+use crate::model::free_run::FreeRun;
 use crate::model::noise::{Noise, Profile};
+use crate::model::optimum::{ModelError, Optimum};
 
 /// Effort of a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,15 +39,6 @@ pub struct Model<'r, 'd> {
     pub free: &'r [Free],
     /// Effects with free parameters.
     pub terms: Vec<Candidate>,
-}
-
-/// Result of a fit without anything as long as the record: all that is kept of the many fits of a search.
-#[derive(Debug, Clone)]
-pub struct Optimum {
-    /// Best values.
-    pub values: Vec<f64>,
-    /// Likelihood and noise model of the residual.
-    pub profile: Profile,
 }
 
 /// A model at its best-fitting parameter values.

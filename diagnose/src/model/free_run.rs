@@ -8,24 +8,11 @@ use crate::Watch;
 use crate::data::record::{Channel, Data};
 use crate::model::commands::Commands;
 use crate::model::observer::Observer;
+use crate::model::optimum::ModelError;
 use crate::model::part::Part;
 use crate::model::place::Place;
 use crate::model::reach::Reach;
 use crate::thresholds::DIVERGED_RATIO;
-
-/// Why a hypothesis has no prediction, or no estimate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum ModelError {
-    /// An effect does not fit the vehicle, or its parameters are not allowed.
-    #[error("the effect is not applicable to the vehicle")]
-    Inapplicable,
-    /// The free run diverges.
-    #[error("the free run diverges")]
-    Diverged,
-    /// The data do not determine what is sought.
-    #[error("the record does not determine it")]
-    NotDetermined,
-}
 
 /// A vehicle that is simulated over one record.
 #[derive(Debug, Clone)]

@@ -13,6 +13,7 @@ pub mod innovations;
 pub mod input_reconstruction;
 pub mod noise;
 pub mod observer;
+pub mod optimum;
 pub mod part;
 pub mod part_fit;
 mod place;

@@ -7,9 +7,8 @@ use whirlstand_vehicle::{Free, Subsystem, Vehicle};
 
 use crate::candidates::library::Candidate;
 use crate::data::record::{Channel, Data};
-use crate::model::fit::Optimum;
-use crate::model::free_run::ModelError;
 use crate::model::observer::Observer;
+use crate::model::optimum::{ModelError, Optimum};
 use crate::model::score_test::ScoredStart;
 
 /// Bits of the values of all parameters from which something over a part starts, and a variant of it.

@@ -11,9 +11,10 @@ use whirlstand_vehicle::{Effect, Free};
 
 use crate::candidates::library::Candidate;
 use crate::model::columns::Column;
-use crate::model::fit::{Effort, Fit, Model, Optimum};
-use crate::model::free_run::{FreeRun, ModelError};
+use crate::model::fit::{Effort, Fit, Model};
+use crate::model::free_run::FreeRun;
 use crate::model::noise::{Noise, Profile};
+use crate::model::optimum::{ModelError, Optimum};
 use crate::model::part::{Memo, Part, Start};
 use crate::model::reach::Reach;
 

@@ -7,7 +7,8 @@ use whirlstand_vehicle::Vehicle;
 
 use crate::model::columns::{Column, Slot};
 use crate::model::fit::Model;
-use crate::model::free_run::{FreeRun, ModelError};
+use crate::model::free_run::FreeRun;
+use crate::model::optimum::ModelError;
 use crate::model::reach::{Reach, Set, groups};
 use crate::thresholds::INITIAL_STATE_STEP;
 

@@ -218,8 +218,9 @@ mod tests {
     use super::*;
     use crate::candidates::library::{Sizes, library};
     use crate::data::flown::flown;
-    use crate::model::fit::{Model, Optimum};
+    use crate::model::fit::Model;
     use crate::model::free_run::FreeRun;
+    use crate::model::optimum::Optimum;
     use crate::search::acceptance::TermEvidence;
     use crate::search::selection::Accepted;
     use whirlstand_ident::watch::Watch;

@@ -4,7 +4,8 @@ use whirlstand_vehicle::Kind;
 
 use crate::Watch;
 use crate::candidates::library::{Candidate, Sizes};
-use crate::model::fit::{Effort, Fit, Model, Optimum};
+use crate::model::fit::{Effort, Fit, Model};
+use crate::model::optimum::Optimum;
 
 /// A candidate beside the terms of a model, fitted together with them.
 #[derive(Debug, Clone)]

@@ -2,7 +2,7 @@
 
 use crate::candidates::library::Candidate;
 use crate::model::fit::{Fit, Model};
-use crate::model::free_run::ModelError;
+use crate::model::optimum::ModelError;
 use crate::search::acceptance::{Decision, decide};
 use crate::search::alternative::{Alternative, SearchSpace, fitted};
 use crate::search::survey::survey;

@@ -2,7 +2,7 @@
 
 use crate::candidates::library::Candidate;
 use crate::model::fit::Model;
-use crate::model::free_run::ModelError;
+use crate::model::optimum::ModelError;
 use crate::search::alternative::SearchSpace;
 use crate::search::select::select;
 use crate::search::selection::Selection;

@@ -1,7 +1,7 @@
 //! A model without one of its causes.
 
 use crate::model::fit::{Effort, Fit, Model};
-use crate::model::free_run::ModelError;
+use crate::model::optimum::ModelError;
 
 /// The model without a term, refitted.
 ///

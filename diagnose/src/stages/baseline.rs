@@ -13,7 +13,8 @@ use crate::data::record::Data;
 use crate::data::sample_effect::SampleEffect;
 use crate::data::{checks, declared_vibration};
 use crate::model::fit::{Fit, Model};
-use crate::model::free_run::{FreeRun, ModelError};
+use crate::model::free_run::FreeRun;
+use crate::model::optimum::ModelError;
 use crate::search::alternative::SearchSpace;
 use crate::thresholds::{LIMITED_TIMES_S, MAX_CAUSES};
 

@@ -3,7 +3,8 @@
 use super::baseline::Baseline;
 use crate::data::record::Data;
 use crate::model::fit::{Fit, Model};
-use crate::model::free_run::{FreeRun, ModelError};
+use crate::model::free_run::FreeRun;
+use crate::model::optimum::ModelError;
 use crate::search::refit::search;
 use crate::search::selection::Selection;
 use crate::thresholds::{BEGINNING_S, REST_BEFORE_BIC};
