@@ -370,3 +370,31 @@ pub fn transition(to: &str, starts: Vec<f64>, sizes: &Sizes, looks: f64) -> Cand
         looks,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Sizes, library};
+    use whirlstand_vehicle::{Kind, Vehicle};
+
+    /// A search that begins at small widths does not find an actuator that hardly moves: its response to the width vanishes.
+    #[test]
+    fn a_search_for_a_width_begins_up_to_where_the_input_hardly_acts() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let all = library(&vehicle, &Sizes::ones(&vehicle, 20.0, 0.02), &[0, 1, 2, 3]);
+        for kind in [Kind::DeadZone, Kind::Backlash] {
+            let candidate = all.iter().find(|c| c.kind == kind).unwrap();
+            let widest = candidate.starts.iter().map(|start| start[0]).fold(0.0, f64::max);
+            assert!(widest > 0.7 * candidate.tunables[0].upper, "{kind:?}: {widest}");
+        }
+    }
+
+    #[test]
+    fn a_command_may_come_in_full_onto_an_input_at_rest() {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let mut sizes = Sizes::ones(&vehicle, 20.0, 0.02);
+        sizes.inputs = vec![3.0, 0.0];
+        let all = library(&vehicle, &sizes, &[0, 1, 2, 3]);
+        let coupling = all.iter().find(|c| c.place == "u_roll->u_pitch").unwrap();
+        assert!(coupling.tunables[0].upper >= 1.0, "{:?}", coupling.tunables);
+    }
+}

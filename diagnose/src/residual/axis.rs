@@ -1,6 +1,6 @@
 //! Decoupled parts of a vehicle, with the causes on each.
 
-use whirlstand_vehicle::{Kind, Subsystem};
+use whirlstand_vehicle::{Effect, Kind, Matrix, Place, Subsystem, Vehicle};
 
 use crate::model::reach::Reach;
 use crate::search::selection::Selection;
@@ -17,6 +17,8 @@ pub struct Axis {
     pub inputs: Vec<usize>,
     /// Its channels.
     pub channels: Vec<usize>,
+    /// True where two of its causes act on one state or output directly, so that a force there might explain both.
+    pub is_shared: bool,
 }
 
 impl Axis {
@@ -47,8 +49,46 @@ impl Axis {
             });
             let own = |c: &usize| part.outputs.contains(&data.channels[*c].output);
             let channels = (0..data.channels.len()).filter(own).collect();
-            Self { terms, states: part.states, inputs: part.inputs, channels }
+            let acted: Vec<usize> =
+                terms.iter().flat_map(|term| acts_on(&effects[*term], &vehicle)).collect();
+            let is_shared = (1..acted.len()).any(|i| acted[..i].contains(&acted[i]));
+            Self { terms, states: part.states, inputs: part.inputs, channels, is_shared }
         };
         parts.into_iter().map(axis).collect()
+    }
+}
+
+/// The states and, after them, the outputs on which an effect acts directly, each once.
+fn acts_on(effect: &Effect, vehicle: &Vehicle) -> Vec<usize> {
+    let n = vehicle.states.len();
+    let of_input = |j: usize| -> Vec<usize> {
+        let (states, outputs) = (vehicle.b.column(j), vehicle.d.column(j));
+        let entries = states.iter().chain(outputs.iter()).enumerate();
+        entries.filter(|(_, entry)| **entry != 0.0).map(|(i, _)| i).collect()
+    };
+    match effect.resolve(vehicle).unwrap_or(Place::Vehicle) {
+        Place::State(i) | Place::StatePair(_, i) | Place::Entry(Matrix::A | Matrix::B, i, _) => vec![i],
+        Place::Output(i) | Place::Entry(Matrix::C | Matrix::D, i, _) => vec![n + i],
+        Place::OutputPair(a, b) => vec![n + a, n + b],
+        Place::Input(j) | Place::InputPair(_, j) => of_input(j),
+        Place::Vehicle => (0..n + vehicle.outputs.len()).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::acts_on;
+    use whirlstand_vehicle::{Effect, Kind, Vehicle};
+
+    /// Roll, roll rate, pitch, pitch rate: u_roll drives both rates, u_pitch that of pitch.
+    #[test]
+    fn effects_act_on_states_and_outputs() {
+        let quadrotor = Vehicle::builtin("quadrotor").unwrap();
+        let on = |kind, place, name| acts_on(&Effect::new(kind, place, &[(name, 0.1)]).unwrap(), &quadrotor);
+        assert_eq!(on(Kind::InputGain, "u_roll", "factor"), [1, 3]);
+        assert_eq!(on(Kind::InputCoupling, "u_roll->u_pitch", "coefficient"), [3]);
+        assert_eq!(on(Kind::CubicStiffness, "pitch->roll_rate", "coefficient"), [1]);
+        assert_eq!(on(Kind::ParameterChange, "A[4,1]", "value"), [3]);
+        assert_eq!(on(Kind::SensorLag, "pitch", "time_constant_s"), [6]);
     }
 }

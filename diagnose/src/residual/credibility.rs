@@ -159,11 +159,12 @@ impl Credibility<'_> {
         lack: Option<LackOfFit>,
     ) -> Option<ForceOnSignal> {
         let several = axis.terms.len() > 1;
-        // Where causes leave nothing but noise, no force outside the table is called for, unless pushes and periodic forces
-        // are among several of them: these imitate any force together.
-        let gusts = several && axis.terms.iter().any(|term| selection.model.terms[*term].is_gust());
+        // Where causes leave nothing but noise, a force outside the table is called for only if it might be what several of
+        // them imitate together: those that act on one state, or pushes and periodic forces, of which any force can be made.
+        let gust = |term: &usize| selection.model.terms[*term].is_gust();
+        let imitates = several && (axis.is_shared || axis.terms.iter().any(gust));
         let chance = |lack: LackOfFit| lack.one.chance.min(lack.all.chance);
-        let asked = gusts || lack.is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
+        let asked = imitates || lack.is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
         if !asked || self.turbulent {
             return None;
         }

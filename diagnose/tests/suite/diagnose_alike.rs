@@ -148,13 +148,3 @@ fn a_coupling_onto_an_input_at_rest_is_named() {
         is_named(&diagnosis(record, &quadrotor()), "input_coupling(u_roll->u_pitch)");
     }
 }
-
-/// An actuator that only the largest commands move: the search began at widths of at most half of that.
-#[test]
-fn a_backlash_that_takes_nearly_all_of_the_motion_is_named() {
-    let truth = with(&[(Kind::Backlash, "u_pitch", &[("width", 9.0)])]);
-    for seed in [5, 6] {
-        let record = flight(&truth, 20.0, &[0.0; 4], 1.0, Some(seed));
-        is_named(&diagnosis(record, &quadrotor()), "backlash(u_pitch)");
-    }
-}
