@@ -39,33 +39,32 @@ pub struct Credibility<'s> {
 }
 
 impl Credibility<'_> {
-    /// Withdraws causes that are not credible. In each decoupled part of the vehicle, all are withdrawn where one force
-    /// that follows a signal does better (it is left in `like`) or where they leave more than they explain; else those
-    /// that are too small for the remaining lack of fit to be just their misfit. Where the noise is not known, a lack of
-    /// fit may be the noise model's: then it withdraws only events, which explain a part of anything. Where a filter
-    /// follows the record, no test tells whether there is one.
+    /// Withdraws causes that are not credible; also gives the force that replaces most of them, if one does. In each
+    /// decoupled part of the vehicle, all are withdrawn where one force that follows a signal does better or where they
+    /// leave more than they explain; else those that are too small for the remaining lack of fit to be just their misfit.
+    /// Where the noise is not known, a lack of fit may be the noise model's: then it withdraws only events, which explain a
+    /// part of anything. Where a filter follows the record, no test tells whether there is one. `lack` is that of the whole.
     pub fn withhold(
         &self,
         selection: &mut Selection<'_, '_>,
-        lack: &mut Option<LackOfFit>,
-        like: &mut Option<ForceOnSignal>,
-    ) -> Vec<Withheld> {
-        let mut dropped = Vec::new();
+        lack: Option<LackOfFit>,
+    ) -> (Vec<Withheld>, Option<ForceOnSignal>) {
+        let (mut dropped, mut rivals) = (Vec::new(), Vec::new());
         for axis in Axis::all(selection) {
             let Some(without) = selection.without(&axis.terms, &self.start) else { continue };
             let left = lack.and_then(|lack| self.left_in(selection, &axis, lack));
             if let Some(rival) = self.rival(selection, &without, &axis, left) {
-                *lack = Some(LackOfFit::or_one(*lack, rival.gain));
                 let why = format!("{} explains as much", rival.description);
                 dropped.extend(axis.terms.into_iter().map(|term| (term, why.clone())));
-                *like = Some(rival);
+                rivals.push(rival);
             } else if let Some(left) = left {
                 let why = "the remaining residual is not noise, so it is only part of another effect";
                 let part = self.partial(selection, &without, axis, left);
                 dropped.extend(part.into_iter().map(|term| (term, why.to_owned())));
             }
         }
-        self.withdraw(selection, dropped)
+        let rival = rivals.into_iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
+        (self.withdraw(selection, dropped), rival)
     }
 
     /// Withdraws the causes of each decoupled part of which every output is predicted, with them, worse than by its mean

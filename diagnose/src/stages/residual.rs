@@ -65,7 +65,12 @@ impl<'r> Residual<'r> {
         if asked && !watch.is_stopped() {
             watch.tell("analysing the remaining residual");
             let credibility = credibility(baseline, &space, turbulence.is_some());
-            withheld = credibility.withhold(&mut selection, &mut lack, &mut force);
+            let rival;
+            (withheld, rival) = credibility.withhold(&mut selection, lack);
+            if let Some(rival) = rival {
+                lack = Some(LackOfFit::or_one(lack, rival.gain));
+                force = Some(rival);
+            }
         }
         let mut samples = baseline.checked.samples.clone();
         still_wild(&mut samples, baseline.data(), baseline.good.clone(), &selection.fit.predicted);
