@@ -116,7 +116,7 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
                 Cell::leveled(percent(o.horizon_fit_after), gained),
                 value(errors.0),
                 value(errors.1),
-                value(Some(o.noise_floor)),
+                value(Some(o.noise_floor).filter(|floor| *floor > 0.0)),
                 Cell::new(ratio.map_or("-".into(), |r| format!("{r:.2}"))),
             ],
         )

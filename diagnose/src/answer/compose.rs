@@ -134,7 +134,8 @@ pub(crate) fn doubt(answer: &mut Diagnosis, doubt: String) {
 /// The free parameters before and after the fit.
 fn refitted(findings: &Findings<'_>) -> Vec<Refitted> {
     let vehicle = findings.baseline.vehicle();
-    let free = findings.residual.selection.model.free.iter().zip(&findings.refitted);
+    let model = &findings.residual.selection.model;
+    let free = model.free.iter().zip(&findings.values[model.states()..]);
     free.map(|(free, value)| Refitted {
         parameter: vehicle.free_name(&free.target),
         given: vehicle.free_value(&free.target),
@@ -233,23 +234,27 @@ const ENDED_EARLY: &str = "The search was ended early: these are the results up 
 const UNFORESEEN: &str =
     "held-out data are predicted no better than by the mean or the last value at any horizon";
 
-/// The held-out outputs that the vehicle with all causes fails to predict: all of them, or single outputs of
-/// a record that is to be called consistent.
+/// The held-out outputs that the vehicle with all causes fails to predict: all of them, or single outputs. Of a record
+/// that is to be called consistent these are the ones predicted worse than by the mean or the last value; of one that is
+/// explained, those that the mean over the held-out part predicts better as well: a cause may be right and its axis hardly
+/// move.
 fn unforeseen(findings: &Findings<'_>, data: &Data, verdict: Verdict) -> Option<String> {
     let selection = &findings.residual.selection;
-    let Ok(vehicle) = selection.model.vehicle(&selection.fit.values) else { return Some(UNFORESEEN.into()) };
+    let Ok(vehicle) = selection.model.vehicle(&findings.values) else { return Some(UNFORESEEN.into()) };
     // A model in which nothing was fitted is validated on the whole record.
     let fitted = !selection.model.free.is_empty() || !selection.model.terms.is_empty();
     let from = if fitted { findings.gains.cut } else { 0 };
-    let found = screen::foresight(&vehicle, data, from, verdict == Verdict::Consistent);
+    let gains = &findings.gains.channels;
+    let asked =
+        |c: &usize| verdict == Verdict::Consistent || gains[*c].horizon.1.fit.is_some_and(|fit| fit < 0.0);
+    let found = screen::foresight(&vehicle, data, from, (0..gains.len()).any(|c| asked(&c)));
     if !found.some {
         return Some(UNFORESEEN.into());
     }
     let name = |c: &usize| vehicle.outputs[data.channels[*c].output].name.clone();
-    let names: Vec<String> = found.contradicted.iter().map(name).collect();
+    let names: Vec<String> = found.contradicted.iter().filter(|c| asked(c)).map(name).collect();
     let are = if names.len() == 1 { "is" } else { "are" };
-    let all = verdict == Verdict::Consistent && !names.is_empty();
-    all.then(|| {
+    (!names.is_empty()).then(|| {
         format!(
             "{} {are} predicted worse than by the mean or the last value at one horizon, and not better at any",
             names.join(", ")

@@ -4,7 +4,7 @@
 use whirlstand_logs::shown::number;
 use whirlstand_vehicle::Kind;
 
-use crate::answer::gains::Gain;
+use crate::answer::gains::{Gain, mean_growth};
 use crate::answer::schema::Cause;
 use crate::candidates::Candidate;
 use crate::stages::findings::Findings;
@@ -59,13 +59,9 @@ fn next_to_nothing(causes: &[Cause]) -> Option<String> {
 /// together, by the mean logarithm of the ratio of their errors. Whatever gains in likelihood, an extension that
 /// predicts worse is none (cross-validation: Stone, J. R. Stat. Soc. B 36, 1974).
 fn worse_ahead<'g>(gains: impl Iterator<Item = (&'g str, &'g Gain)>, horizon_s: f64) -> Option<String> {
-    let ratio = |gain: &Gain| {
-        let (before, after) = gain.horizon;
-        Some((after.rmse? / before.rmse?).ln()).filter(|ratio| ratio.is_finite())
-    };
     let all: Vec<(&str, &Gain, f64)> =
-        gains.filter_map(|(name, gain)| Some((name, gain, ratio(gain)?))).collect();
-    let mean = all.iter().map(|(.., ratio)| ratio).sum::<f64>() / all.len().max(1) as f64;
+        gains.filter_map(|(name, gain)| Some((name, gain, gain.growth()?))).collect();
+    let mean = mean_growth(all.iter().map(|(_, gain, _)| *gain));
     let told = |(name, gain, _): &(&str, &Gain, f64)| {
         let (before, after) = gain.horizon;
         Some(format!("{name} {:.1} % -> {:.1} %", before.fit?, after.fit?))
@@ -121,8 +117,8 @@ mod tests {
     use whirlstand_logs::shown::ShownUnit;
 
     use super::*;
-    use crate::answer::gains::Score;
     use crate::answer::schema::{Estimate, Evidence};
+    use crate::answer::score::Score;
     use crate::candidates::Tunable;
 
     fn cause(effect: &str, low: f64, high: f64) -> Cause {

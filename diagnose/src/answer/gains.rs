@@ -3,15 +3,15 @@
 use std::ops::Range;
 
 use crate::thresholds::LOUD_RATIO;
-use whirlstand_logs::stats::{mean, rms};
 use whirlstand_vehicle::{Kind, Vehicle};
 
+use crate::answer::reestimate::reestimated;
 use crate::answer::schema::HeldOut;
-use crate::data::record::{Channel, Data};
+use crate::answer::score::{Score, score, score_within, share};
+use crate::data::record::Data;
 use crate::model::commands::Commands;
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::FreeRun;
-use crate::model::noise::Noise;
 use crate::model::predictor::{default_horizon_s, with_forces};
 use crate::search::selection::Selection;
 use crate::stages::baseline::Baseline;
@@ -40,19 +40,10 @@ pub struct Gain {
     pub free_run: Option<(Score, Score)>,
     /// Scores of the predictions over the horizon, before and after.
     pub horizon: (Score, Score),
-    /// Standard deviation of the noise.
+    /// Standard deviation of the noise; 0 where it is not known.
     pub floor: f64,
     /// Share of the output's power that is left to the noise model, where no noise is declared.
     pub noise_model_share: Option<f64>,
-}
-
-/// Scores of one channel's predictions.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Score {
-    /// Fit, %; `None` when the channel does not change.
-    pub fit: Option<f64>,
-    /// Root of the mean square error; `None` without samples.
-    pub rmse: Option<f64>,
 }
 
 /// A model that was fitted to the first part of a record.
@@ -61,6 +52,20 @@ struct Trained {
     own: Vec<f64>,
     /// Predictions over the horizon; NaN where there is none.
     ahead: Vec<f64>,
+}
+
+impl Gain {
+    /// Logarithm of the ratio of the errors over the horizon, after to before.
+    pub fn growth(&self) -> Option<f64> {
+        let (before, after) = self.horizon;
+        Some((after.rmse? / before.rmse?).ln()).filter(|ratio| ratio.is_finite())
+    }
+}
+
+/// Mean of the growth of the outputs' errors; 0 without any.
+pub fn mean_growth<'g>(gains: impl Iterator<Item = &'g Gain>) -> f64 {
+    let all: Vec<f64> = gains.filter_map(Gain::growth).collect();
+    all.iter().sum::<f64>() / all.len().max(1) as f64
 }
 
 /// Fits the given and the extended vehicle to the first part of the record, and scores both on the last part.
@@ -83,13 +88,12 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
         let fit =
             model.fit(full.values.clone(), Some(&full.profile.noise), Some(&full.columns[..model.states()]));
         let fit = fit.ok();
-        // Where a filter follows the record, there is no simulation to which the noise model could leave anything.
-        let simulated = fit.as_ref().filter(|_| !model.free.is_empty() && !follows);
-        let (values, own) = simulated
-            .and_then(|fit| output_error(&model, fit))
+        let again = fit.as_ref().and_then(|fit| reestimated(&model, fit));
+        let (values, own) = again
+            .map(|again| (again.values, again.predicted))
             .or_else(|| fit.map(|f| (f.values, f.predicted)))
             .unwrap_or_else(|| (full.values.clone(), full.predicted.clone()));
-        let ahead = ahead(&following, &model, &values, horizon_s);
+        let ahead = ahead(&following, &model, &values, (horizon_s, cut));
         let ahead = ahead.unwrap_or_else(|| vec![f64::NAN; full.predicted.len()]);
         Trained { own, ahead }
     };
@@ -138,18 +142,6 @@ fn first_part(data: &Data, cut: usize) -> Data {
     training
 }
 
-/// Score of a channel's predictions from step `cut` on; samples without a prediction do not count.
-fn score(channel: &Channel, predicted: &[f64], cut: usize) -> Score {
-    let rows = (0..channel.values.len())
-        .filter(|k| channel.good[*k] && channel.step(*k) >= cut && predicted[*k].is_finite());
-    let (measured, errors): (Vec<f64>, Vec<f64>) =
-        rows.map(|k| (channel.values[k], channel.values[k] - predicted[k])).unzip();
-    let middle = mean(&measured);
-    let spread = rms(&measured.iter().map(|y| y - middle).collect::<Vec<_>>());
-    let rmse = (!errors.is_empty()).then(|| rms(&errors));
-    Score { fit: rmse.filter(|_| spread > 0.0).map(|e| 100.0 * (1.0 - e / spread)), rmse }
-}
-
 /// True when a free run is clearly worse than the mean although predictions over the horizon are better than
 /// it.
 fn is_lost(free_run: Score, horizon: Score, floor: f64) -> bool {
@@ -168,75 +160,50 @@ fn never_forgets(selection: &Selection<'_, '_>, range: &Range<usize>) -> bool {
     })
 }
 
-/// Prediction error power as a share of the power about the mean, 0 to 1: all of it without a prediction, and nothing of a
-/// channel that does not change.
-fn share(score: Score) -> f64 {
-    match score {
-        Score { fit: Some(fit), .. } => (1.0 - fit / 100.0).powi(2).min(1.0),
-        Score { rmse: None, .. } => 1.0,
-        Score { .. } => 0.0,
-    }
-}
-
 /// Predictions of a model over a horizon, corrected by the whole record up to the start of each: of the state, and of
-/// what else pushes the vehicle.
-fn ahead(following: &Data, model: &Model<'_, '_>, values: &[f64], horizon_s: f64) -> Option<Vec<f64>> {
+/// what else pushes the vehicle. Of the likeliest filter, where it is known, and one with a force on each state and a single
+/// memory, that which predicts the first part better: a likelihood is of one step, beside coloured noise that no prediction
+/// over a horizon has.
+fn ahead(
+    following: &Data,
+    model: &Model<'_, '_>,
+    values: &[f64],
+    (horizon_s, cut): (f64, usize),
+) -> Option<Vec<f64>> {
     let steps = ((horizon_s / following.period_s).round() as usize).max(1);
     let vehicle = model.vehicle(values).ok()?;
     let states = vehicle.states.len();
     // The states of another mode are those of the vehicle alone.
     let modes = vehicle.effects.iter().any(|effect| effect.kind() == Kind::ModeTransition);
-    let vehicle = if modes { vehicle } else { with_forces(&vehicle) };
-    let forces = vec![0.0; vehicle.states.len() - states];
-    let initial = values[..model.states()].chunks_exact(states).flat_map(|x| [x, &forces[..]].concat());
-    let initial: Vec<f64> = initial.collect();
-    FreeRun::new(&vehicle, following).ahead(&vehicle, &initial, steps, Commands::Recorded).ok()
-}
-
-/// Values and free run of a fitted model whose initial state and free parameters are fitted again as an
-/// output-error model: where a noise model takes slow residuals for coloured noise, refitted parameters would leave
-/// them in the simulation. The causes keep their values, which the answer gives with their intervals.
-///
-/// `None` where the free run is no better than the mean for most outputs. These then move under disturbances, which a law
-/// opposes: an output-error fit takes its commands for ineffective (Ljung 1999, 13.4).
-pub(crate) fn output_error(model: &Model<'_, '_>, fit: &Fit) -> Option<(Vec<f64>, Vec<f64>)> {
-    let data = model.free_run.data;
-    let is_simulated = |(channel, range): &(&Channel, Range<usize>)| {
-        score(channel, &fit.predicted[range.clone()], 0).fit.is_some_and(|fit| fit > 0.0)
+    let filter = following.likeliest_filter.as_deref().filter(|filter| !(modes && filter.forced));
+    let forced = if modes { vehicle.clone() } else { with_forces(&vehicle) };
+    let runs =
+        [filter.and_then(|filter| filter.runs(&vehicle, following)), Some(FreeRun::new(&forced, following))];
+    let predicted = runs.into_iter().flatten().filter_map(|runs| {
+        let forces = vec![0.0; runs.states() - states];
+        let initial = values[..model.states()].chunks_exact(states).flat_map(|x| [x, &forces[..]].concat());
+        let begun = runs.begun(&runs.vehicle, &initial.collect::<Vec<_>>(), cut);
+        runs.ahead(&runs.vehicle, &begun, steps, Commands::Recorded).ok()
+    });
+    let error = |predicted: &Vec<f64>| -> f64 {
+        let channels = following.channels.iter().zip(following.ranges());
+        channels
+            .filter_map(|(channel, range)| score_within(channel, &predicted[range], 0..cut).rmse)
+            .map(f64::ln)
+            .sum()
     };
-    let simulated = data.channels.iter().zip(data.ranges()).filter(is_simulated).count();
-    if 2 * simulated < data.channels.len() {
-        return None;
-    }
-    let channels = 0..data.channels.len();
-    let stds: Vec<f64> = channels.map(|c| fit.profile.noise.std(c, data, &fit.residual)).collect();
-    let vehicle = model.vehicle(&fit.values).ok()?;
-    let free_run = FreeRun::new(&vehicle, data);
-    let (base, terms) = fit.values.split_at(model.base());
-    let base = Model { free_run: &free_run, free: model.free, terms: Vec::new() }
-        .fit(base.to_vec(), Some(&Noise::white(&stds)), None)
-        .ok()?;
-    Some(([&base.values, terms].concat(), base.predicted))
+    predicted.min_by(|a, b| error(a).total_cmp(&error(b)))
 }
 
 /// Noise of a channel: the whole residual where nothing is left to explain, else its one-step unpredictable
-/// part.
+/// part. Innovations of a filter that follows the record with a long memory are larger than errors over a horizon: there,
+/// it is the declared noise, 0 where none is.
 fn floor(fit: &Fit, data: &Data, vehicle: &Vehicle, c: usize) -> f64 {
-    let total = fit.profile.noise.std(c, data, &fit.residual);
     let declared = vehicle.outputs[data.channels[c].output].noise;
+    if data.memory_s.is_some() {
+        return declared;
+    }
+    let total = fit.profile.noise.std(c, data, &fit.residual);
     let innovation = fit.profile.noise.channels[c].variance().sqrt();
     if declared > 0.0 && total > 2.0 * declared { innovation.max(declared) } else { total }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Score, share};
-
-    #[test]
-    fn what_is_not_predicted_is_left_to_noise() {
-        let of = |fit, rmse| share(Score { fit, rmse });
-        assert_eq!(of(None, None), 1.0, "no prediction");
-        assert_eq!(of(None, Some(0.1)), 0.0, "a channel that does not change");
-        assert_eq!((of(Some(100.0), Some(0.0)), of(Some(-50.0), Some(2.0))), (0.0, 1.0));
-    }
 }

@@ -10,8 +10,10 @@ pub mod evidence_plots;
 pub mod evidence_random;
 pub mod experiments;
 pub mod gains;
+pub(crate) mod reestimate;
 pub mod remainder;
 pub mod schema;
+pub(crate) mod score;
 pub mod terminal;
 pub mod vibration_source;
 

@@ -248,7 +248,7 @@ pub struct OutputGain {
     /// Root of the mean square error of the extended vehicle's predictions over the horizon.
     #[serde(default)]
     pub horizon_rmse_after: Option<f64>,
-    /// Standard deviation of the noise, which no model can explain.
+    /// Standard deviation of the noise, which no model can explain; 0 where it is not known.
     pub noise_floor: f64,
     /// Where no noise is declared: the share of the output's power about its mean, 0 to 1, that predictions leave
     /// to the noise model.

@@ -37,11 +37,13 @@ impl Diagnosis {
         // Where a free run is not meaningful, only predictions over the horizon are shown.
         let free = self.outputs.values().any(|o| o.fit_before.is_some());
         let horizon = format!("predictions over {} s", short(self.heldout.horizon_s));
+        let known = self.outputs.values().any(|o| o.noise_floor > 0.0);
         lines.push(format!(
-            "held out {} to {} s, {}: fit before -> after, error after / noise",
+            "held out {} to {} s, {}: fit before -> after{}",
             short(self.heldout.from_s),
             short(self.heldout.to_s),
-            if free { format!("free run ({horizon})") } else { horizon }
+            if free { format!("free run ({horizon})") } else { horizon },
+            if known { ", error after / noise" } else { "" }
         ));
         let percent = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.1} %"));
         let mut outputs: Vec<String> = Vec::new();

@@ -6,6 +6,7 @@ pub mod columns;
 pub mod commands;
 mod descent;
 pub mod driven;
+mod first_samples;
 pub mod fit;
 pub mod forced_response;
 pub mod free_run;

@@ -63,7 +63,7 @@ impl Span {
         let run = FreeRun::new(vehicle, &data);
         let rest = vec![0.0; run.initials()];
         match self.horizon {
-            Some(horizon) => run.ahead(vehicle, &rest, horizon, self.commands).ok(),
+            Some(horizon) => run.ahead(vehicle, &run.begun(vehicle, &rest, 0), horizon, self.commands).ok(),
             None => run.run_vehicle(vehicle, &rest).ok(),
         }
     }

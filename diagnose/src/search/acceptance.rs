@@ -9,8 +9,8 @@ use crate::search::alternative::Alternative;
 use crate::search::cross_validation::held_out_gain;
 use crate::search::survey_cache::Surveyed;
 use crate::thresholds::{
-    COX_QUANTILE, MAX_P_VALUE, MAX_RELATIVE_ERROR, MIN_BIC_GAIN, MIN_HELD_OUT_SIGMAS, RIVAL_BIC,
-    SAME_SIGNATURE_COSINE, UNDECIDED_BIC,
+    COMMON_COSINE, COX_QUANTILE, MAX_P_VALUE, MAX_RELATIVE_ERROR, MIN_BIC_GAIN, MIN_HELD_OUT_SIGMAS,
+    RIVAL_BIC, SAME_SIGNATURE_COSINE, UNDECIDED_BIC,
 };
 use whirlstand_logs::stats::chi_square_tail;
 
@@ -204,9 +204,10 @@ impl Rival {
         same || self.is_as_good() && !self.excludes() && !shown
     }
 
-    /// True when the rival explains as much and has another signature.
+    /// True when the rival explains as much of the same and has another signature. What has nothing in common with the
+    /// cause explains something else.
     pub fn is_as_good(&self) -> bool {
-        self.gap < UNDECIDED_BIC && self.kappa <= SAME_SIGNATURE_COSINE
+        self.gap < UNDECIDED_BIC && (COMMON_COSINE..=SAME_SIGNATURE_COSINE).contains(&self.kappa)
     }
 
     /// Cox's test of separate families (1961): excess of twice the log-likelihood ratio of one of the two
@@ -235,6 +236,14 @@ mod tests {
         assert!(!short.excludes() && short.indistinguishable());
         let long = rival(4000.0, 0.8, 1.0);
         assert!(long.excludes() && !long.indistinguishable());
+    }
+
+    /// A mode on roll and one on pitch excluded each other: "similarity of signatures 0.00".
+    #[test]
+    fn what_explains_something_else_is_no_rival() {
+        let elsewhere = rival(4000.0, 0.05, 1.0);
+        assert!(!elsewhere.is_as_good() && !elsewhere.excludes() && !elsewhere.indistinguishable());
+        assert!(rival(4000.0, 0.15, 1.0).is_as_good());
     }
 
     #[test]

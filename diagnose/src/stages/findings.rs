@@ -7,9 +7,11 @@ use whirlstand_vehicle::{Effect, Kind, Vehicle};
 use super::baseline::Baseline;
 use super::residual::Residual;
 use crate::answer::Estimate;
-use crate::answer::gains::{self, Gains, output_error};
+use crate::answer::gains::{self, Gains, mean_growth};
+use crate::answer::reestimate::reestimated;
 use crate::candidates::Tunable;
 use crate::residual::narrow_band;
+use crate::thresholds::WORSE_AHEAD_RATIO;
 
 /// Everything that was found, before it is put into words.
 #[derive(Debug)]
@@ -18,8 +20,8 @@ pub(crate) struct Findings<'r> {
     pub residual: Residual<'r>,
     /// The vehicle with everything that was found; `None` when nothing was.
     pub extended: Option<Vehicle>,
-    /// Values of the free parameters that were fitted anew.
-    pub refitted: Vec<f64>,
+    /// Values of the model, its free parameters as they were estimated last.
+    pub values: Vec<f64>,
     pub gains: Gains,
 }
 
@@ -30,12 +32,20 @@ impl<'r> Findings<'r> {
         if residual.withdraw_without_skill(baseline, &fits) {
             gains = gains::gains(baseline, &residual);
         }
+        // Values that predict worse than the given ones are no better estimates, whatever they gain in likelihood: noise
+        // that is not what any noise model says makes large gains of them (cross-validation: Stone 1974).
+        let refitted_only =
+            residual.selection.model.terms.is_empty() && !residual.selection.model.free.is_empty();
+        if refitted_only
+            && mean_growth(gains.channels.iter()) > WORSE_AHEAD_RATIO.ln()
+            && residual.keep_given_values(baseline)
+        {
+            gains = gains::gains(baseline, &residual);
+        }
         let (model, fit) = (&residual.selection.model, &residual.selection.fit);
-        let simulated = if model.free.is_empty() { None } else { output_error(model, fit) };
-        let values = simulated.map_or_else(|| fit.values.clone(), |(values, _)| values);
+        let values = reestimated(model, fit).map_or_else(|| fit.values.clone(), |again| again.values);
         let extended = extended(baseline.vehicle(), &residual, &values);
-        let refitted = values[model.states()..model.base()].to_vec();
-        Self { baseline, residual, extended, refitted, gains }
+        Self { baseline, residual, extended, values, gains }
     }
 }
 

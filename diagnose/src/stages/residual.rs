@@ -3,7 +3,7 @@
 use super::select::Selected;
 use crate::data::outliers::still_wild;
 use crate::data::sample_effect::SampleEffect;
-use crate::model::fit::Fit;
+use crate::model::fit::{Fit, Model};
 use crate::residual::credibility::{Credibility, Withheld};
 use crate::residual::excess_noise::{ExcessNoise, excess_noise};
 use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
@@ -93,13 +93,28 @@ impl<'r> Residual<'r> {
         }
     }
 
+    /// Takes back the refit of the free parameters of a selection without causes; `false` where the vehicle as given cannot
+    /// be fitted.
+    pub fn keep_given_values(&mut self, baseline: &Baseline<'_>) -> bool {
+        let (model, null) = (&self.selection.model, &self.selection.null);
+        let free = model.states()..model.base();
+        let given = Model { free: &[], ..model.clone() };
+        let Ok(kept) = Selection::nothing(given, null.values[..free.start].to_vec()) else {
+            return false;
+        };
+        let mut refused = std::mem::take(&mut self.selection.refused);
+        for values in refused.iter_mut().filter_map(|refused| refused.values.as_mut()) {
+            values.drain(free.clone());
+        }
+        self.selection = Selection { refused, ..kept };
+        (self.noise, self.lack) = tested(baseline, &self.selection, self.turbulence.is_some());
+        true
+    }
+
     /// Withdraws causes with which the vehicle still predicts nothing, by the held-out fit of each channel, %; `true` when
     /// there are such.
     pub fn withdraw_without_skill(&mut self, baseline: &Baseline<'_>, fits: &[Option<f64>]) -> bool {
         let space = baseline.space();
-        if space.watch.is_stopped() {
-            return false;
-        }
         let credibility = credibility(baseline, &space, self.turbulence.is_some());
         let withdrawn = credibility.without_skill(&mut self.selection, fits);
         let any = !withdrawn.is_empty();

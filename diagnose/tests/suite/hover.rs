@@ -2,9 +2,9 @@
 //! and the answer to the gusts. No noise is declared, and the vehicle file is right. An integrator of this file simulates
 //! them.
 
-use whirlstand_diagnose::Verdict;
+use whirlstand_diagnose::{Options, Verdict, diagnose};
 use whirlstand_logs::Record;
-use whirlstand_vehicle::{Stream, Vehicle};
+use whirlstand_vehicle::{Free, Matrix, Stream, Target, Vehicle};
 
 use crate::support::{diagnosis, named};
 
@@ -66,4 +66,28 @@ fn commands_that_cancel_gusts_do_not_do_nothing() {
         assert!(!names.iter().any(|name| name.starts_with("input_gain")), "{seed}: {}", answer.text());
         assert_ne!(answer.verdict, Verdict::Explained, "{seed}: {}", answer.text());
     }
+}
+
+/// The search follows these records with a long memory, under which the commands seem to do a twentieth to a third of what
+/// they do. A refit is told as the likeliest filter finds it.
+#[test]
+fn a_refit_finds_what_commands_do_that_cancel_gusts() {
+    let mut axis = axis();
+    let free = |target, lower, upper| Free { target, lower, upper, start: None };
+    axis.free = vec![
+        free(Target::Entry(Matrix::A, 1, 1), -50.0, 5.0),
+        free(Target::Entry(Matrix::B, 1, 0), 0.0, 1000.0),
+    ];
+    let options = Options { refit: Some(true), ..Options::default() };
+    let mut ratios = Vec::new();
+    for seed in 1..=8 {
+        let answer = diagnose(vec![fly(seed)], &axis, &options).unwrap();
+        if let Some(torque) = answer.refitted.iter().find(|r| r.parameter == "B[2,1]") {
+            ratios.push(torque.value / TORQUE);
+        }
+    }
+    ratios.sort_by(f64::total_cmp);
+    assert!(ratios.len() >= 4, "{ratios:?}");
+    assert!(ratios[0] > 0.5 && ratios[ratios.len() - 1] < 2.0, "{ratios:?}");
+    assert!((0.8..1.25).contains(&ratios[ratios.len() / 2]), "{ratios:?}");
 }
