@@ -1,6 +1,7 @@
 //! Initial states as the first samples of a record show them.
 
 use nalgebra::{DMatrix, DVector};
+use whirlstand_ident::identify::normal::pseudo_inverse;
 use whirlstand_vehicle::Vehicle;
 
 use crate::model::free_run::FreeRun;
@@ -45,7 +46,7 @@ impl FreeRun<'_> {
             return None;
         }
         let seen = DMatrix::from_rows(&rows);
-        seen.svd(true, true).solve(&DVector::from_vec(errors), 1e-9).ok()
+        Some(seen.transpose() * (pseudo_inverse(&(&seen * seen.transpose()))? * DVector::from_vec(errors)))
     }
 }
 
