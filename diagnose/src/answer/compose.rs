@@ -7,13 +7,13 @@ use whirlstand_vehicle::Vehicle;
 use super::causes::causes;
 use super::correlations::correlations;
 use super::schema::*;
+use super::unforeseen::unforeseen;
 use super::{doubts, evidence, experiments, remainder};
 use crate::candidates::Candidate;
 use crate::data::record::Data;
 use crate::model::optimum::ModelError;
 use crate::model::predictor::gain_of_inputs;
 use crate::residual::lack_of_fit::LackOfFit;
-use crate::screen;
 use crate::search::selection::Refused;
 use crate::stages::check::Checked;
 use crate::stages::findings::Findings;
@@ -98,7 +98,7 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     let mut doubts = doubts::doubts(&answer.causes, &findings);
     // Advice on extrapolation is only given for an explained or a consistent record.
     let claims = matches!(answer.verdict, Verdict::Explained | Verdict::Consistent);
-    if let Some(unforeseen) = claims.then(|| unforeseen(&findings, data, answer.verdict)).flatten() {
+    if let Some(unforeseen) = claims.then(|| unforeseen(&findings, answer.verdict)).flatten() {
         if answer.verdict == Verdict::Consistent {
             answer.verdict = Verdict::Unexplained;
             answer.unexplained.description = format!("{}.", unforeseen.replacen("held-out", "Held-out", 1));
@@ -230,38 +230,6 @@ fn contested<'f>(findings: &'f Findings<'_>) -> Option<&'f Refused> {
 
 /// Remark on a partial answer.
 const ENDED_EARLY: &str = "The search was ended early: these are the results up to that point.";
-/// Reason for not calling a model with causes an explanation.
-const UNFORESEEN: &str =
-    "held-out data are predicted no better than by the mean or the last value at any horizon";
-
-/// The held-out outputs that the vehicle with all causes fails to predict: all of them, or single outputs. Of a record
-/// that is to be called consistent these are the ones predicted worse than by the mean or the last value; of one that is
-/// explained, those that the mean over the held-out part predicts better as well: a cause may be right and its axis hardly
-/// move.
-fn unforeseen(findings: &Findings<'_>, data: &Data, verdict: Verdict) -> Option<String> {
-    let selection = &findings.residual.selection;
-    let Ok(vehicle) = selection.model.vehicle(&findings.values) else { return Some(UNFORESEEN.into()) };
-    // A model in which nothing was fitted is validated on the whole record.
-    let fitted = !selection.model.free.is_empty() || !selection.model.terms.is_empty();
-    let from = if fitted { findings.gains.cut } else { 0 };
-    let gains = &findings.gains.channels;
-    let asked =
-        |c: &usize| verdict == Verdict::Consistent || gains[*c].horizon.1.fit.is_some_and(|fit| fit < 0.0);
-    let found = screen::foresight(&vehicle, data, from, (0..gains.len()).any(|c| asked(&c)));
-    if !found.some {
-        return Some(UNFORESEEN.into());
-    }
-    let name = |c: &usize| vehicle.outputs[data.channels[*c].output].name.clone();
-    let names: Vec<String> = found.contradicted.iter().filter(|c| asked(c)).map(name).collect();
-    let are = if names.len() == 1 { "is" } else { "are" };
-    (!names.is_empty()).then(|| {
-        format!(
-            "{} {are} predicted worse than by the mean or the last value at one horizon, and not better at any",
-            names.join(", ")
-        )
-    })
-}
-
 /// True when the final residual is significantly not noise.
 fn lacks_fit(findings: &Findings<'_>) -> bool {
     findings.residual.lack.as_ref().is_some_and(LackOfFit::is_significant)

@@ -15,6 +15,7 @@ pub mod remainder;
 pub mod schema;
 pub(crate) mod score;
 pub mod terminal;
+pub(crate) mod unforeseen;
 pub mod vibration_source;
 
 pub use schema::*;
