@@ -3,7 +3,6 @@
 
 mod any_vehicle;
 mod blind;
-mod bridge_mavlink;
 mod campaign;
 mod cli;
 mod cluster;
@@ -36,7 +35,6 @@ mod waits;
 // The longest first, so that none is left to run alone at the end.
 whirlstand_test_harness::suites!(
     whirlstand_test_harness::run:
-    bridge_mavlink,
     vehicle_new,
     faults,
     rejection,

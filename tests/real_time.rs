@@ -6,6 +6,7 @@ mod autopilots;
 mod betaflight;
 mod bridge_check;
 mod bridge_crsf;
+mod bridge_mavlink;
 mod bridge_peers;
 mod bridge_restart;
 mod bridge_verdict;
@@ -34,6 +35,7 @@ whirlstand_test_harness::suites!(
     bridge_check,
     autopilot_faults,
     bridge_verdict,
+    bridge_mavlink,
     rejection_in_realtime,
     px4_station,
     autopilots,

@@ -60,8 +60,8 @@ fn by_likeliest_filter(model: &Model<'_, '_>, fit: &Fit) -> Option<Reestimated> 
     Some(Reestimated { values: states.chain(free).chain(terms).collect(), predicted: fit.predicted.clone() })
 }
 
-/// The initial state and free parameters as those of an output-error model: where a noise model takes slow residuals for coloured noise, refitted parameters would leave
-/// them in the simulation.
+/// The initial state and free parameters as those of an output-error model: where a noise model takes slow residuals for
+/// coloured noise, refitted parameters would leave them in the simulation.
 ///
 /// `None` where the free run is no better than the mean for most outputs. These then move under disturbances, which a law
 /// opposes: an output-error fit takes its commands for ineffective (Ljung 1999, 13.4).
