@@ -6,13 +6,15 @@
 //! variable `CI` is set it fails instead and says what to install; only what that machine can never have is ignored
 //! there too.
 //!
-//! A test that fails while the machine's processors were given to others is repeated, see [`undisturbed`].
+//! A test that fails while the machine's processors were given to others is repeated, see [`undisturbed`]; one in real time
+//! that fails beside others is repeated alone.
 //!
 //! A test program gets its `main` from [`tests!`](crate::tests), or from [`suites!`](crate::suites) for modules of which
 //! each [lists](crate::listed) its tests: programs that are started anew for every file take longer to link, and the
 //! processors idle at the end of each. Or it calls [`run`] from a `main` of its own, which may first check whether the
 //! process was started as a child of a test. Every option of the standard harness works.
 
+mod beside;
 mod betaflight;
 mod noise;
 mod prerequisite;
@@ -23,6 +25,7 @@ use std::time::{Duration, Instant};
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
+use beside::beside_others;
 pub use betaflight::{Betaflight, betaflight_sitl};
 pub use noise::noise;
 pub use prerequisite::{Missing, browser, data, python, python_with};
@@ -79,21 +82,21 @@ impl IntoOutcome for Outcome {
 /// Runs the tests that the command line selects: one more at a time than there are processors, because the processes of a
 /// bench wait for each other for a fifth of their time.
 pub fn run(tests: Vec<Test>) -> ExitCode {
-    run_with(tests, processors() + 1)
+    run_with(tests, processors() + 1, |test| test())
 }
 
 /// Runs tests that wait for most of their time, for a flight in real time or a time limit to end: twice as many at a time
-/// as there are processors.
+/// as there are processors. What fails beside others is run again alone.
 pub fn run_waiting(tests: Vec<Test>) -> ExitCode {
-    run_with(tests, 2 * processors())
+    run_with(tests, 2 * processors(), |test| beside_others(test))
 }
 
 fn processors() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Runs this many tests at a time, unless the command line says otherwise.
-fn run_with(tests: Vec<Test>, at_a_time: usize) -> ExitCode {
+/// Runs this many tests at a time, unless the command line says otherwise, each by `how`.
+fn run_with(tests: Vec<Test>, at_a_time: usize, how: fn(&dyn Fn() -> Outcome) -> Outcome) -> ExitCode {
     let mut arguments = Arguments::from_args();
     arguments.test_threads.get_or_insert(at_a_time);
     let in_ci = std::env::var_os("CI").is_some_and(|value| !value.is_empty());
@@ -102,7 +105,7 @@ fn run_with(tests: Vec<Test>, at_a_time: usize) -> ExitCode {
         .map(|Test { name, body }| {
             Trial::ignorable_test(name.clone(), move || {
                 let begun = Instant::now();
-                let outcome = undisturbed(body);
+                let outcome = undisturbed(|| how(&body));
                 let took = begun.elapsed();
                 if took > LONG {
                     println!("{name} took {:.0} s", took.as_secs_f64());
