@@ -230,6 +230,7 @@ fn contested<'f>(findings: &'f Findings<'_>) -> Option<&'f Refused> {
 
 /// Remark on a partial answer.
 const ENDED_EARLY: &str = "The search was ended early: these are the results up to that point.";
+
 /// True when the final residual is significantly not noise.
 fn lacks_fit(findings: &Findings<'_>) -> bool {
     findings.residual.lack.as_ref().is_some_and(LackOfFit::is_significant)

@@ -9,8 +9,8 @@ use crate::thresholds::MAX_AR_ORDER;
 
 impl FreeRun<'_> {
     /// Initial states of all records; of each that begins at step `from` or later, the smallest with which its first samples
-    /// agree. A filter that follows a record from elsewhere, as from a heading of zero, is wrong for
-    /// many times its memory, and no fit finds the initial states of a record that it does not count.
+    /// agree. A filter that follows a record from elsewhere, as from a heading of zero, is wrong for many times its memory,
+    /// and no fit finds the initial states of a record that it does not count.
     pub fn begun(&self, vehicle: &Vehicle, initial: &[f64], from: usize) -> Vec<f64> {
         let n = self.states();
         let mut begun = initial.to_vec();
