@@ -49,7 +49,7 @@ pub use plausible::check_attitude;
 pub use random::Stream;
 pub use signal_unit::SignalUnit;
 pub use simulator::{
-    Backlash, Friction, InputEffects, LinearModel, RateLimit, Rows, Simulator, SimulatorLanes, dead_zone,
-    split_time,
+    Backlash, Commands, Friction, InputEffects, LinearModel, RateLimit, Rows, SampledModel, Simulator,
+    SimulatorLanes, dead_zone, split_time,
 };
 pub use subsystem::Subsystem;

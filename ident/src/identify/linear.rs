@@ -1,20 +1,19 @@
 //! Simulation and one-step prediction of a linear model, with exact sensitivities.
 //!
 //! x+ = Phi x + Gamma u + K e, y = C x + D u + offset, e = y_measured - y (K = 0 for a simulation). The sensitivity
-//! S = dx/d(theta, x0) obeys the derivative of the same recursion; dPhi and dGamma come from the Frechet derivative
-//! of the matrix exponential, so that nothing is differenced. No step allocates.
+//! S = dx/d(theta, x0) obeys the derivative of the same recursion; a [`LinearStep`] has dPhi and dGamma. Effects on the
+//! inputs are states and inputs of the step. No step allocates.
 
 use std::array::from_fn;
 use std::ops::Range;
 
 use multiversion::multiversion;
 use nalgebra::DMatrix;
-use whirlstand_vehicle::Matrix;
 
 use super::data::Segment;
 use super::predictor::Gains;
 use super::problem::{Divisible, Problem, Step, Sweep, split};
-use super::sensitivity::exponential_with_derivatives;
+use super::step::{Drive, LinearStep, Slope};
 
 /// Magnitude beyond which a simulation has diverged.
 const LARGEST: f64 = 1e9;
@@ -37,8 +36,7 @@ pub struct Linear<'p> {
     sensing: Vec<f64>,
     /// Non-zero entries of C for every output.
     shown: Vec<Vec<(usize, f64)>>,
-    /// Parameters in C and D: parameter, output, index in [x; u].
-    sensing_slopes: Vec<(usize, usize, usize)>,
+    step: LinearStep,
     /// Number of parameters, including those of the noise model.
     parameters: usize,
     /// Padded number of sensitivities of the state: parameters and initial state.
@@ -47,66 +45,34 @@ pub struct Linear<'p> {
 
 impl<'p> Linear<'p> {
     /// The model at `theta`, predicting with `gains` or simulating without. `None` when its discretisation is
-    /// not finite.
+    /// not finite, and when an effect acts elsewhere than on an input.
     pub fn new(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Self> {
-        let (n, m, p) = (problem.n(), problem.m(), problem.p());
-        let w = n + m;
-        let [a, b, c, d] = problem.matrices_at(theta);
-        let block = |a: &DMatrix<f64>, b: &DMatrix<f64>| {
-            let mut block = DMatrix::zeros(w, w);
-            block.view_mut((0, 0), (n, n)).copy_from(a);
-            block.view_mut((0, n), (n, m)).copy_from(b);
-            block * problem.period_s
-        };
-        let (mut directions, mut of) = (Vec::new(), Vec::new());
-        let mut sensing_slopes = Vec::new();
-        for parameter in 0..problem.parameters.len() {
-            match problem.entry(parameter) {
-                Some((Matrix::A, i, j)) => directions.push(Problem::unit(w, w, (i, j)) * problem.period_s),
-                Some((Matrix::B, i, j)) => {
-                    directions.push(Problem::unit(w, w, (i, n + j)) * problem.period_s)
-                }
-                Some((Matrix::C, i, j)) => {
-                    sensing_slopes.push((parameter, i, j));
-                    continue;
-                }
-                Some((Matrix::D, i, j)) => {
-                    sensing_slopes.push((parameter, i, n + j));
-                    continue;
-                }
-                None => continue,
-            }
-            of.push(parameter);
-        }
-        let (value, derivatives) = exponential_with_derivatives(&block(&a, &b), &directions)?;
+        let step = LinearStep::new(problem, theta)?;
+        let (n, w) = step.motion.shape();
         let parameters = problem.parameters.len() + gains.map_or(0, |g| g.noise_parameters);
-        let states = if problem.nuisance.initial_state { n } else { 0 };
+        let states = if problem.nuisance.initial_state { problem.n() } else { 0 };
         // An output offset affects the state of a predictor, but not that of a simulation.
         let moved = if gains.is_some() { problem.nuisances() } else { states };
         let padded = (parameters + moved).next_multiple_of(LANES);
         let mut forces = vec![[0.0; LANES]; n * w * padded / LANES];
-        for (derivative, parameter) in derivatives.iter().zip(of) {
-            for (i, j) in (0..n).flat_map(|i| (0..w).map(move |j| (i, j))) {
-                let chunk = (i * w + j) * padded + parameter;
-                forces[chunk / LANES][parameter % LANES] = derivative[(i, j)];
-            }
+        for Slope { parameter, row, column, value } in &step.motion_slopes {
+            let chunk = (row * w + column) * padded + parameter;
+            forces[chunk / LANES][parameter % LANES] += value;
         }
-        let flow = Flow::new(&value, &forces, n, padded);
-        let rows = |m: &DMatrix<f64>, count: usize| -> Vec<f64> {
-            (0..count).flat_map(|i| (0..w).map(move |j| (i, j))).map(|at| m[at]).collect()
-        };
-        let mut sensing = DMatrix::zeros(p, w);
-        sensing.view_mut((0, 0), (p, n)).copy_from(&c);
-        sensing.view_mut((0, n), (p, m)).copy_from(&d);
-        let shown = (0..p).map(|i| (0..n).map(|j| (j, c[(i, j)])).filter(|(_, c)| *c != 0.0).collect());
+        let flow = Flow::new(&step.motion, &forces, padded);
+        let rows = |m: &DMatrix<f64>| m.transpose().as_slice().to_vec();
+        let shown = step
+            .sensing
+            .row_iter()
+            .map(|row| row.iter().copied().take(n).enumerate().filter(|(_, c)| *c != 0.0).collect());
         Some(Self {
             problem,
             gains,
-            motion: rows(&value, n),
+            motion: rows(&step.motion),
             flow,
-            sensing: rows(&sensing, p),
+            sensing: rows(&step.sensing),
             shown: shown.collect(),
-            sensing_slopes,
+            step,
             parameters,
             padded,
         })
@@ -133,7 +99,8 @@ impl Sweep for Linear<'_> {
 
     fn divisible(&self) -> Option<&dyn Divisible> {
         // A predictor's state depends on its innovations too.
-        (self.gains.is_none() && self.problem.nuisance.initial_state).then_some(self)
+        let whole = self.gains.is_none() && self.problem.nuisance.initial_state;
+        (whole && matches!(self.step.drive, Drive::Recorded)).then_some(self)
     }
 }
 
@@ -145,13 +112,20 @@ impl Divisible for Linear<'_> {
         nuisance: &[f64],
         visit: &mut dyn FnMut(&Step<'_>),
     ) -> Option<DMatrix<f64>> {
-        let (n, m, p) = (self.problem.n(), self.problem.m(), self.problem.p());
-        let (w, q, columns) = (n + m, self.padded, self.columns());
+        let (own, m, p) = (self.problem.n(), self.problem.m(), self.problem.p());
+        let (n, w) = self.step.motion.shape();
+        let (q, columns) = (self.padded, self.columns());
         let (initial, offsets) = split(self.problem, nuisance);
         let first_offset = self.parameters + initial.len();
+        let mut drive = self.step.drive.clone();
+        drive.begin_at(segment.first_step);
         let mut z = vec![0.0; w];
+        z[..n].copy_from_slice(&self.step.start);
         z[..initial.len()].copy_from_slice(initial);
         let mut s = vec![0.0; n.next_multiple_of(ROWS) * q];
+        for Slope { parameter, row, value, .. } in &self.step.start_slopes {
+            s[row * q + parameter] = *value;
+        }
         for i in 0..initial.len() {
             s[i * q + self.parameters + i] = 1.0;
         }
@@ -162,13 +136,15 @@ impl Divisible for Linear<'_> {
         let stride = columns.next_multiple_of(LANES);
         let mut slopes = vec![0.0; p * stride];
         for k in steps {
-            z[n..].copy_from_slice(&segment.inputs[k * m..(k + 1) * m]);
-            for (i, (y, row)) in predicted.iter_mut().zip(self.sensing.chunks_exact(w)).enumerate() {
-                *y = row.iter().zip(&z).map(|(c, z)| c * z).sum::<f64>() + offsets.get(i).unwrap_or(&0.0);
+            drive.next(&segment.inputs[k * m..(k + 1) * m], &mut z[n..]);
+            let sensed = self.sensing.chunks_exact(w).zip(&self.step.offsets);
+            for (i, (y, (row, own))) in predicted.iter_mut().zip(sensed).enumerate() {
+                let shown = row.iter().zip(&z).map(|(c, z)| c * z).sum::<f64>();
+                *y = shown + own + offsets.get(i).unwrap_or(&0.0);
             }
             show(&self.shown, &s, q, &mut slopes, stride);
-            for &(parameter, i, j) in &self.sensing_slopes {
-                slopes[i * stride + parameter] += z[j];
+            for Slope { parameter, row, column, value } in &self.step.sensing_slopes {
+                slopes[row * stride + parameter] += value * z[*column];
             }
             for i in 0..offsets.len() {
                 let own = &mut slopes[i * stride + first_offset + i];
@@ -180,7 +156,7 @@ impl Divisible for Linear<'_> {
             self.move_on(&z, &mut x);
             advance(&self.flow, &z, &s, &mut next);
             if let Some(gains) = self.gains {
-                gains.correct(&step, &segment.outputs[k * p..(k + 1) * p], &mut x, &mut next, q);
+                gains.correct(&step, &segment.outputs[k * p..(k + 1) * p], &mut x[..own], &mut next, q);
             }
             std::mem::swap(&mut s, &mut next);
             z[..n].copy_from_slice(&x);
@@ -229,9 +205,9 @@ struct Block {
 }
 
 impl Flow {
-    /// `value` is [Phi Gamma; 0 I]; `forces` are its derivatives: (row, column of [x; u]) x padded columns.
-    fn new(value: &DMatrix<f64>, forces: &[Lane], n: usize, padded: usize) -> Self {
-        let (w, lanes) = (value.nrows(), padded / LANES);
+    /// `value` is [Phi Gamma]; `forces` are its derivatives: (row, column of [x; u]) x padded columns.
+    fn new(value: &DMatrix<f64>, forces: &[Lane], padded: usize) -> Self {
+        let ((n, w), lanes) = (value.shape(), padded / LANES);
         let block = |first: usize| {
             let factors = |j: usize| from_fn(|i| if first + i < n { value[(first + i, j)] } else { 0.0 });
             let lane = |i: usize, j: usize, c: usize| {
@@ -287,6 +263,125 @@ fn show(shown: &[Vec<(usize, f64)>], s: &[f64], q: usize, slopes: &mut [f64], st
                 }
             }
             *slopes = sum;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use whirlstand_vehicle::Vehicle;
+
+    use super::super::predictor::{NoiseStructure, Pattern};
+    use super::super::problem::Nuisance;
+    use super::super::simulated::Simulated;
+    use super::*;
+
+    fn axis(more: &str) -> Vehicle {
+        let text = format!(
+            r#"
+            A = [[0.0, 1.0], [-9.0, -2.0]]
+            B = [[0.0, 0.0], [5.0, 3.0]]
+            C = [[1.0, 0.0], [0.0, 1.0]]
+            D = [[0.0, 0.1], [0.0, 0.0]]
+            states = [{{ name = "roll" }}, {{ name = "roll_rate" }}]
+            inputs = [{{ name = "u" }}, {{ name = "v" }}]
+            outputs = [{{ name = "roll", bias = 0.03 }}, {{ name = "roll_rate" }}]
+            free = [
+                {{ entry = "A[2,1]", lower = -20.0, upper = 0.0 }},
+                {{ entry = "C[1,1]", lower = 0.5, upper = 2.0 }},
+                {{ entry = "D[1,2]", lower = -1.0, upper = 1.0 }},
+                {{ effect = "actuator_lag", where = "u", parameter = "time_constant_s", lower = 0.01, upper = 1.0 }},
+                {{ effect = "input_delay", where = "u", parameter = "delay_s", lower = 0.0, upper = 0.1 }},
+                {{ effect = "dead_zone", where = "v", parameter = "width", lower = 0.0, upper = 1.0 }},
+                {{ effect = "input_gain", where = "v", parameter = "factor", lower = 0.2, upper = 2.0 }},
+            ]
+            [[effects]]
+            effect = "actuator_lag"
+            where = "u"
+            time_constant_s = 0.05
+            [[effects]]
+            effect = "input_delay"
+            where = "u"
+            delay_s = 0.013
+            [[effects]]
+            effect = "dead_zone"
+            where = "v"
+            width = 0.2
+            [[effects]]
+            effect = "input_gain"
+            where = "v"
+            factor = 0.8
+            [[effects]]
+            effect = "input_delay"
+            where = "v"
+            delay_s = 0.006
+            {more}
+            "#
+        );
+        Vehicle::parse(&text, "axis.toml").unwrap()
+    }
+
+    fn record() -> Segment {
+        let (steps, period_s) = (200, 0.01);
+        let wave = |k: usize, f: f64| (k as f64 * period_s * f).sin();
+        Segment {
+            origin: "axis".into(),
+            start_s: 0.0,
+            first_step: 0,
+            period_s,
+            inputs: (0..steps).flat_map(|k| [wave(k, 9.0), wave(k, 5.0)]).collect(),
+            outputs: (0..steps).flat_map(|k| [wave(k, 8.0), 8.0 * wave(k, 7.0)]).collect(),
+            steps,
+        }
+    }
+
+    /// The recursion and differences of simulators are the same, with and without a filter. Where a delay is a whole number of
+    /// steps, on both sides of which it has not the same matrices, the derivative is that of a longer one.
+    #[test]
+    fn effects_on_inputs_need_no_simulators() {
+        let (vehicle, segment) = (axis(""), record());
+        let nuisance = Nuisance { initial_state: true, output_offsets: true };
+        let problem = Problem::new(&vehicle, std::slice::from_ref(&segment), nuisance).unwrap();
+        let structure = NoiseStructure::new(&problem);
+        let nuisances = [0.1, -0.2, 0.01, 0.02];
+        for (delay_s, beside) in [(0.013, 0.013), (0.02, 0.020_000_4)] {
+            let theta = [-9.0, 1.1, 0.1, 0.05, delay_s, 0.2, 0.8];
+            let pattern = Pattern::of(&segment, 2);
+            let gains = Gains::new(&problem, &structure, &pattern, &theta, &[0.5, -3.0, -2.0], true).unwrap();
+            for gains in [None, Some(&gains)] {
+                let seen = |model: &dyn Sweep| {
+                    let mut all: Vec<f64> = Vec::new();
+                    assert!(model.sweep(&segment, &nuisances, &mut |step| {
+                        all.extend(step.predicted);
+                        (0..2).for_each(|i| all.extend(step.slopes(i)));
+                    }));
+                    (model.columns(), all)
+                };
+                let (columns, exact) = seen(&Linear::new(&problem, &theta, gains).unwrap());
+                let beside = [-9.0, 1.1, 0.1, 0.05, beside, 0.2, 0.8];
+                let (others, differences) = seen(&Simulated::new(&problem, &beside, gains).unwrap());
+                assert_eq!(columns, others);
+                assert_eq!(columns, 7 + gains.map_or(0, |_| 3) + 4);
+                for (k, (a, b)) in exact.iter().zip(&differences).enumerate() {
+                    assert!((a - b).abs() < 2e-5 * b.abs().max(1.0), "{delay_s} {k}: {a} {b}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_acts_on_the_motion_or_a_sensor_is_not_linear_behind_the_inputs() {
+        let segment = record();
+        for more in [
+            "[[effects]]\neffect = 'sensor_lag'\nwhere = 'roll'\ntime_constant_s = 0.1",
+            "[[effects]]\neffect = 'cubic_stiffness'\nwhere = 'roll->roll_rate'\ncoefficient = 1.0",
+        ] {
+            let problem =
+                Problem::new(&axis(more), std::slice::from_ref(&segment), Nuisance::default()).unwrap();
+            assert!(
+                Linear::new(&problem, &[-9.0, 1.1, 0.1, 0.05, 0.013, 0.2, 0.8], None).is_none(),
+                "{more}"
+            );
         }
     }
 }

@@ -33,6 +33,7 @@ mod sensitivity;
 mod simulated;
 pub mod spread;
 pub mod start;
+mod step;
 mod sums;
 pub mod sweep;
 #[cfg(test)]

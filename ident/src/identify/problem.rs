@@ -8,6 +8,9 @@ use whirlstand_vehicle::{Matrix, Target, Vehicle};
 use super::IdentifyError;
 use super::data::Segment;
 
+/// Perturbation of a parameter in a central difference, as a share of its value, or of its range where that is smaller.
+const PARAMETER_STEP: f64 = 1e-5;
+
 /// A free parameter in SI.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
@@ -159,6 +162,13 @@ impl Problem {
         unit[(i, j)] = 1.0;
         unit
     }
+}
+
+/// Values on both sides of a parameter for a central difference, the larger first, as far as its bounds allow.
+pub fn parameter_sides(parameter: &Parameter, value: f64) -> [f64; 2] {
+    let range = parameter.upper - parameter.lower;
+    let step = PARAMETER_STEP * range.min(value.abs().max(1e-2 * range));
+    [(value + step).min(parameter.upper), (value - step).max(parameter.lower)]
 }
 
 /// One step of a sweep.

@@ -6,22 +6,16 @@
 //! give the signature by which diagnosis tests it; at the edge of a parameter's range the difference is
 //! one-sided.
 //!
-//! Where all effects act on the inputs, the vehicle behind them is linear: the derivatives by the initial state, the offsets
-//! and the noises, on which the inputs' effects do not depend, obey its own recursion and need no simulators.
-//!
 //! A prediction corrects the state of each simulator by its own innovations, with the gain of the linear
 //! model there: an observer that need not be optimal where an effect acts, but whose predictions are
 //! unbiased.
 
-use nalgebra::DMatrix;
-use whirlstand_vehicle::{Place, Simulator, Vehicle, discretise};
+use whirlstand_vehicle::Simulator;
 
 use super::data::Segment;
 use super::predictor::Gains;
-use super::problem::{Problem, Step, Sweep, split};
+use super::problem::{Problem, Step, Sweep, parameter_sides, split};
 
-/// Perturbation of a parameter in a central difference, as a share of its range.
-const PARAMETER_STEP: f64 = 1e-5;
 /// Perturbation of an initial state and of an offset, in their own units.
 const STATE_STEP: f64 = 1e-3;
 
@@ -34,53 +28,8 @@ pub struct Simulated<'p> {
     problem: &'p Problem,
     gains: Option<&'p Gains>,
     centre: Simulator,
-    /// Simulators with a larger and with a smaller value of each parameter; of each noise parameter as well, unless the
-    /// state moves by `linear`.
+    /// Simulators with a larger and with a smaller value of each parameter, then of each noise parameter.
     perturbed: Vec<Pair>,
-    /// How the state moves and shows where all effects act on the inputs.
-    linear: Option<LinearPart>,
-}
-
-/// Motion of the state within a step, and the outputs of a state.
-#[derive(Debug)]
-struct LinearPart {
-    phi: DMatrix<f64>,
-    c: DMatrix<f64>,
-}
-
-impl LinearPart {
-    fn behind_the_inputs(vehicle: &Vehicle, period_s: f64) -> Option<Self> {
-        let of_input = |place| matches!(place, Place::Input(_) | Place::InputPair(..));
-        let all = vehicle.effects.iter().all(|effect| effect.resolve(vehicle).is_ok_and(of_input));
-        let (phi, _) = all.then(|| discretise(&vehicle.a, &vehicle.b, period_s))?.ok()?;
-        Some(Self { phi, c: vehicle.c.clone() })
-    }
-
-    /// Derivatives of the outputs by the columns from `first` on, of the state's derivatives `s`; rows of both have
-    /// `columns`.
-    fn show(&self, s: &[f64], slopes: &mut [f64], first: usize, columns: usize) {
-        multiply(&self.c, s, slopes, first, columns);
-    }
-
-    /// The state's derivatives a step later.
-    fn advance(&self, s: &mut [f64], next: &mut [f64], first: usize, columns: usize) {
-        multiply(&self.phi, s, next, first, columns);
-        s.copy_from_slice(next);
-    }
-}
-
-/// The product of a matrix and the columns from `first` on of `right`, row after row.
-fn multiply(left: &DMatrix<f64>, right: &[f64], product: &mut [f64], first: usize, columns: usize) {
-    for (i, row) in product.chunks_exact_mut(columns).enumerate() {
-        let row = &mut row[first..];
-        row.fill(0.0);
-        for (j, other) in right.chunks_exact(columns).enumerate() {
-            let factor = left[(i, j)];
-            if factor != 0.0 {
-                row.iter_mut().zip(&other[first..]).for_each(|(p, r)| *p += factor * r);
-            }
-        }
-    }
 }
 
 /// The simulators on both sides of one parameter.
@@ -130,26 +79,12 @@ impl<'p> Simulated<'p> {
     /// The simulators at `theta`, predicting with `gains` or running freely without; `None` when one has no
     /// finite discretisation.
     pub fn new(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Self> {
-        let linear = LinearPart::behind_the_inputs(&problem.vehicle_at(theta), problem.period_s);
-        Self::with(problem, theta, gains, linear)
-    }
-
-    fn with(
-        problem: &'p Problem,
-        theta: &[f64],
-        gains: Option<&'p Gains>,
-        linear: Option<LinearPart>,
-    ) -> Option<Self> {
         let at = |theta: &[f64]| Simulator::expected(&problem.vehicle_at(theta), problem.period_s).ok();
         let centre = at(theta)?;
         let mut perturbed = Vec::with_capacity(theta.len());
         for (i, parameter) in problem.parameters.iter().enumerate() {
-            let step = PARAMETER_STEP
-                * (parameter.upper - parameter.lower)
-                    .min(theta[i].abs().max(1e-2 * (parameter.upper - parameter.lower)));
             let (mut above, mut below) = (theta.to_vec(), theta.to_vec());
-            above[i] = (theta[i] + step).min(parameter.upper);
-            below[i] = (theta[i] - step).max(parameter.lower);
+            [above[i], below[i]] = parameter_sides(parameter, theta[i]);
             perturbed.push(Pair {
                 above: at(&above)?,
                 below: at(&below)?,
@@ -158,7 +93,7 @@ impl<'p> Simulated<'p> {
                 inverse: 1.0 / (above[i] - below[i]),
             });
         }
-        for i in 0..gains.filter(|_| linear.is_none()).map_or(0, |g| g.noise_parameters) {
+        for i in 0..gains.map_or(0, |g| g.noise_parameters) {
             perturbed.push(Pair {
                 above: centre.clone(),
                 below: centre.clone(),
@@ -167,7 +102,7 @@ impl<'p> Simulated<'p> {
                 inverse: 0.5 / NOISE_STEP,
             });
         }
-        Some(Self { problem, gains, centre, perturbed, linear })
+        Some(Self { problem, gains, centre, perturbed })
     }
 
     /// The perturbed simulators for all parameters and nuisances that need them, at the start of a segment.
@@ -227,16 +162,8 @@ impl Sweep for Simulated<'_> {
         // An offset affects the state of a predictor but not that of a simulation, where its sensitivity is
         // one.
         let tracked = if self.gains.is_some() { offsets.len() } else { 0 };
-        let simulated = if self.linear.is_some() { (0, 0) } else { (initial.len(), tracked) };
-        let mut perturbed = self.neighbours(segment.first_step, &state, simulated.0, simulated.1);
-        let (first, first_offset) = (perturbed.len(), columns - offsets.len());
-        // Derivatives of the state, for the columns from `first` on.
-        let mut s = vec![0.0; n * columns];
-        let mut next = s.clone();
-        for i in 0..initial.len() {
-            s[i * columns + first_offset - initial.len() + i] = 1.0;
-        }
-        let mut aside = vec![0.0; n];
+        let mut perturbed = self.neighbours(segment.first_step, &state, initial.len(), tracked);
+        let first_offset = columns - offsets.len();
         let mut predicted = vec![0.0; p];
         let mut slopes = vec![0.0; p * columns];
         let (mut above, mut below) = (vec![0.0; p], vec![0.0; p]);
@@ -258,23 +185,12 @@ impl Sweep for Simulated<'_> {
                     pair.correct(gains, (k, measured), (&above, &below), &mut change);
                 }
             }
-            if let Some(linear) = &self.linear {
-                linear.show(&s, &mut slopes, first, columns);
-            }
-            if tracked == 0 || self.linear.is_some() {
+            if tracked == 0 {
                 for i in 0..offsets.len() {
-                    let slope = &mut slopes[i * columns + first_offset + i];
-                    *slope = if self.linear.is_some() { *slope + 1.0 } else { 1.0 };
+                    slopes[i * columns + first_offset + i] = 1.0;
                 }
             }
-            let step = Step::new(k, &predicted, &slopes, columns, columns);
-            visit(&step);
-            if let Some(linear) = &self.linear {
-                linear.advance(&mut s, &mut next, first, columns);
-                if let Some(gains) = self.gains {
-                    gains.correct(&step, measured, &mut aside, &mut s, columns);
-                }
-            }
+            visit(&Step::new(k, &predicted, &slopes, columns, columns));
             centre.advance();
             if let Some(gains) = self.gains {
                 gains.change(k, measured, &predicted, None, &mut change);
@@ -282,94 +198,5 @@ impl Sweep for Simulated<'_> {
             }
         }
         !centre.diverged() && predicted.iter().all(|y| y.is_finite())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::predictor::{NoiseStructure, Pattern};
-    use super::super::problem::Nuisance;
-    use super::*;
-
-    /// The recursion of the state's derivatives and differences of simulators are the same, with and without a filter.
-    #[test]
-    fn what_is_linear_behind_the_inputs_needs_no_simulators() {
-        let text = r#"
-            A = [[0.0, 1.0], [-9.0, -2.0]]
-            B = [[0.0, 0.0], [5.0, 3.0]]
-            C = [[1.0, 0.0], [0.0, 1.0]]
-            states = [{ name = "roll" }, { name = "roll_rate" }]
-            inputs = [{ name = "u" }, { name = "v" }]
-            outputs = [{ name = "roll" }, { name = "roll_rate" }]
-            free = [
-                { entry = "A[2,1]", lower = -20.0, upper = 0.0 },
-                { effect = "actuator_lag", where = "u", parameter = "time_constant_s", lower = 0.01, upper = 1.0 },
-                { effect = "dead_zone", where = "v", parameter = "width", lower = 0.0, upper = 1.0 },
-            ]
-            [[effects]]
-            effect = "actuator_lag"
-            where = "u"
-            time_constant_s = 0.05
-            [[effects]]
-            effect = "input_delay"
-            where = "u"
-            delay_s = 0.013
-            [[effects]]
-            effect = "dead_zone"
-            where = "v"
-            width = 0.2
-        "#;
-        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
-        let (steps, period_s) = (200, 0.01);
-        let wave = |k: usize, f: f64| (k as f64 * period_s * f).sin();
-        let segment = Segment {
-            origin: "axis".into(),
-            start_s: 0.0,
-            first_step: 0,
-            period_s,
-            inputs: (0..steps).flat_map(|k| [wave(k, 9.0), wave(k, 5.0)]).collect(),
-            outputs: (0..steps).flat_map(|k| [wave(k, 8.0), 8.0 * wave(k, 7.0)]).collect(),
-            steps,
-        };
-        let nuisance = Nuisance { initial_state: true, output_offsets: true };
-        let problem = Problem::new(&vehicle, std::slice::from_ref(&segment), nuisance).unwrap();
-        let structure = NoiseStructure::new(&problem);
-        let theta = [-9.0, 0.05, 0.2];
-        let pattern = Pattern::of(&segment, 2);
-        let gains = Gains::new(&problem, &structure, &pattern, &theta, &[0.5, -3.0, -2.0], true).unwrap();
-        let nuisances = [0.1, -0.2, 0.01, 0.02];
-        for gains in [None, Some(&gains)] {
-            let seen = |model: &Simulated<'_>| {
-                let mut all: Vec<f64> = Vec::new();
-                assert!(model.sweep(&segment, &nuisances, &mut |step| {
-                    all.extend(step.predicted);
-                    (0..2).for_each(|i| all.extend(step.slopes(i)));
-                }));
-                (model.columns(), all)
-            };
-            let linear = LinearPart::behind_the_inputs(&vehicle, period_s);
-            assert!(linear.is_some());
-            let (columns, exact) = seen(&Simulated::with(&problem, &theta, gains, linear).unwrap());
-            let (others, differences) = seen(&Simulated::with(&problem, &theta, gains, None).unwrap());
-            assert_eq!(columns, others);
-            assert_eq!(columns, 3 + gains.map_or(0, |_| 3) + 4);
-            for (k, (a, b)) in exact.iter().zip(&differences).enumerate() {
-                assert!((a - b).abs() < 1e-5 * b.abs().max(1.0), "{k}: {a} {b}");
-            }
-        }
-    }
-
-    #[test]
-    fn what_acts_on_the_motion_or_a_sensor_is_not_linear_behind_the_inputs() {
-        for effect in [
-            "effect = 'sensor_lag'\nwhere = 'roll'\ntime_constant_s = 0.1",
-            "effect = 'cubic_stiffness'\nwhere = 'roll->roll_rate'\ncoefficient = 1.0",
-        ] {
-            let text = format!(
-                "A = [[0.0, 1.0], [-9.0, -2.0]]\nB = [[0.0], [5.0]]\nstates = [{{ name = 'roll' }}, {{ name = 'roll_rate' }}]\ninputs = [{{ name = 'u' }}]\n[[effects]]\n{effect}\n"
-            );
-            let vehicle = Vehicle::parse(&text, "axis.toml").unwrap();
-            assert!(LinearPart::behind_the_inputs(&vehicle, 0.01).is_none(), "{effect}");
-        }
     }
 }

@@ -1,4 +1,4 @@
-//! Selects the simulation method of a problem: recursions where the vehicle is linear, else the simulator.
+//! Selects the simulation method of a problem: recursions where the vehicle is linear behind its inputs, else the simulator.
 
 use super::linear::Linear;
 use super::predictor::Gains;
@@ -17,9 +17,8 @@ pub fn predictor<'p>(problem: &'p Problem, theta: &[f64], gains: &'p Gains) -> O
 }
 
 fn with<'p>(problem: &'p Problem, theta: &[f64], gains: Option<&'p Gains>) -> Option<Box<dyn Sweep + 'p>> {
-    if problem.is_plain() {
-        Some(Box::new(Linear::new(problem, theta, gains)?))
-    } else {
-        Some(Box::new(Simulated::new(problem, theta, gains)?))
+    if let Some(linear) = Linear::new(problem, theta, gains) {
+        return Some(Box::new(linear));
     }
+    Some(Box::new(Simulated::new(problem, theta, gains)?))
 }

@@ -43,13 +43,9 @@ impl Extended {
         for (i, &neutral) in neutral.iter().enumerate() {
             let own = effects.iter().enumerate().filter(move |(_, (_, p))| *p == Place::Input(i));
             let own = own.map(|(index, (e, _))| (index, e));
-            let mut chain = Chain::new(own.clone(), neutral, period_s);
-            let longest_s = own
-                .filter(|(_, e)| e.kind() == crate::effects::Kind::InputDelay)
-                .map(|(_, e)| e.get("delay_s"))
-                .sum::<f64>();
-            delays.push(Delay::new(longest_s, period_s, chain.clone().next(neutral, 0.0)));
-            chains.push(std::mem::take(&mut chain));
+            let (chain, delay) = Chain::with_delay(own, neutral, period_s);
+            delays.push(delay);
+            chains.push(chain);
         }
         let mut nonlinear = Nonlinear::new(effects, combinations.all[0].system.n, neutral.len());
         if let Some(nonlinear) = &mut nonlinear {

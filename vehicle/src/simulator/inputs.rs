@@ -117,6 +117,24 @@ impl Chain {
         Self(links)
     }
 
+    /// The chain of an input, and its delay, in which the chain's output at `neutral` is held.
+    pub fn with_delay<'a>(
+        effects: impl Iterator<Item = (usize, &'a Effect)> + Clone,
+        neutral: f64,
+        period_s: f64,
+    ) -> (Self, Delay) {
+        let chain = Self::new(effects.clone(), neutral, period_s);
+        let delays = effects.filter(|(_, e)| e.kind() == Kind::InputDelay);
+        let longest_s = delays.map(|(_, e)| e.get("delay_s")).sum();
+        let rest = chain.clone().next(neutral, 0.0);
+        (chain, Delay::new(longest_s, period_s, rest))
+    }
+
+    /// True for kinds of effects that are links of a chain.
+    pub fn holds(kind: Kind) -> bool {
+        ORDER.contains(&kind)
+    }
+
     /// True when the signal is unchanged.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -199,6 +217,11 @@ impl Delay {
     /// True when a pushed value acts immediately.
     pub fn is_none(&self) -> bool {
         self.fraction_s == 0.0 && self.ring.len() == 2
+    }
+
+    /// Whole periods of the delay.
+    pub fn whole_steps(&self) -> usize {
+        self.whole
     }
 
     /// Stores the value of this period.

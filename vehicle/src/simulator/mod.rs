@@ -35,6 +35,7 @@ mod motion;
 mod nonlinear;
 mod record;
 mod rows;
+mod sampled;
 mod schedule;
 mod sensor;
 mod sensors;
@@ -53,6 +54,7 @@ pub use self::inputs::{Backlash, RateLimit, dead_zone};
 pub use self::lanes::SimulatorLanes;
 pub use self::linear_model::LinearModel;
 pub use self::rows::Rows;
+pub use self::sampled::{Commands, SampledModel};
 
 use self::combinations::Combinations;
 use self::disturbances::Disturbances;
@@ -104,6 +106,16 @@ impl Limit {
         let rate = input.rate_limit;
         let rate = rate.is_finite().then(|| RateLimit::new(rate, period_s, resting));
         Self { lower: input.lower, upper: input.upper, rate }
+    }
+
+    /// The command within the limits; `before` is the last one, which replaces NaN.
+    #[inline(always)]
+    fn next(&mut self, u: f64, before: f64) -> f64 {
+        let wanted = if u.is_nan() { before } else { u.max(self.lower).min(self.upper) };
+        match &mut self.rate {
+            None => wanted,
+            Some(rate) => rate.next(wanted),
+        }
     }
 }
 
@@ -277,11 +289,7 @@ impl Simulator {
     pub fn apply(&mut self, u: &[f64]) {
         assert_eq!(u.len(), self.m, "one value for each input");
         for ((applied, limit), &u) in self.applied.iter_mut().zip(&mut self.limits).zip(u) {
-            let wanted = if u.is_nan() { *applied } else { u.max(limit.lower).min(limit.upper) };
-            *applied = match &mut limit.rate {
-                None => wanted,
-                Some(rate) => rate.next(wanted),
-            };
+            *applied = limit.next(u, *applied);
         }
         match &mut self.dynamics {
             Dynamics::Plain(_) => self.drive[..self.m].copy_from_slice(&self.applied),
