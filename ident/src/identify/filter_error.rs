@@ -6,6 +6,7 @@
 //! covariance (Astrom, Maximum likelihood and prediction error methods, Automatica 16, 1980).
 
 use super::sweep::predictor;
+use multiversion::multiversion;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -243,13 +244,18 @@ fn part(
                 let l = whiten[f][(i, j)];
                 if l != 0.0 {
                     residual += l * errors[j];
-                    row.iter_mut().zip(step.slopes(fresh[j])).for_each(|(r, s)| *r += l * s);
+                    add_scaled(&mut row, l, step.slopes(fresh[j]));
                 }
             }
             normal.add(&row, residual);
         }
     });
     fine.then(|| Part { sums: normal.finish(), phases })
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn add_scaled(row: &mut [f64], factor: f64, other: &[f64]) {
+    row.iter_mut().zip(other).for_each(|(r, s)| *r += factor * s);
 }
 
 /// Adds the determinant's part of cost and gradient, and the covariance's part of the information.

@@ -5,6 +5,7 @@
 //! Vehicle System Identification, AIAA 2015, chapter 5). The steady state of the filter is used; with sensors
 //! of different rates, its periodic steady state with one gain per phase.
 
+use multiversion::multiversion;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use whirlstand_control::{FilterModel, settled_covariance};
@@ -211,23 +212,38 @@ impl Gains {
 
     /// Adds K e to the state `x` and its derivative to the sensitivities `s`, whose rows have `q` columns.
     pub fn correct(&self, step: &Step<'_>, measured: &[f64], x: &mut [f64], s: &mut [f64], q: usize) {
-        let phase = self.phase(step.k);
-        let fresh = phase.fresh.len();
-        for (column, &output) in phase.fresh.iter().enumerate() {
-            let error = measured[output] - step.predicted[output];
-            if !error.is_finite() {
-                continue;
-            }
-            let slope = step.slopes(output);
-            for (i, x) in x.iter_mut().enumerate() {
-                let gain = phase.gain[(i, column)];
-                *x += gain * error;
-                let row = &mut s[i * q..][..slope.len()];
+        correct(self.phase(step.k), self.parameters, step, measured, x, s, q);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
+fn correct(
+    phase: &Phase,
+    parameters: usize,
+    step: &Step<'_>,
+    measured: &[f64],
+    x: &mut [f64],
+    s: &mut [f64],
+    q: usize,
+) {
+    let fresh = phase.fresh.len();
+    for (column, &output) in phase.fresh.iter().enumerate() {
+        let error = measured[output] - step.predicted[output];
+        if !error.is_finite() {
+            continue;
+        }
+        let slope = step.slopes(output);
+        for (i, x) in x.iter_mut().enumerate() {
+            let gain = phase.gain[(i, column)];
+            *x += gain * error;
+            let row = &mut s[i * q..][..slope.len()];
+            // An axis that shares nothing with the output's has no gain.
+            if gain != 0.0 {
                 row.iter_mut().zip(slope).for_each(|(s, d)| *s -= gain * d);
-                if !phase.gain_slopes.is_empty() {
-                    let own = &phase.gain_slopes[(i * fresh + column) * self.parameters..][..self.parameters];
-                    row.iter_mut().zip(own).for_each(|(s, d)| *s += error * d);
-                }
+            }
+            if !phase.gain_slopes.is_empty() {
+                let own = &phase.gain_slopes[(i * fresh + column) * parameters..][..parameters];
+                row.iter_mut().zip(own).for_each(|(s, d)| *s += error * d);
             }
         }
     }
