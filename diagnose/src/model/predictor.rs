@@ -5,7 +5,7 @@ use whirlstand_ident::identify::forces::pushed;
 use whirlstand_vehicle::Vehicle;
 
 use crate::data::record::Data;
-use crate::model::fit::Model;
+use crate::model::fit::{Effort, Model};
 use crate::model::free_run::FreeRun;
 use crate::model::noise::Noise;
 use crate::thresholds::{
@@ -68,7 +68,7 @@ fn weigh(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>, noise: Option<&N
     let free_run = FreeRun::new(vehicle, &data);
     let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
     let start = vec![0.0; free_run.initials()];
-    let fit = model.fit(start, noise, None).ok()?;
+    let fit = model.optimum(start, noise, None, Effort::Full).ok()?;
     Some(Likelihood { bic: fit.profile.bic(usize::from(memory_s.is_some())), rows: fit.profile.rows })
 }
 

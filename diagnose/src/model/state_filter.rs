@@ -12,42 +12,36 @@ use crate::Watch;
 use crate::data::record::{Data, StateFilter};
 use crate::model::fit::{Effort, Model};
 use crate::model::free_run::FreeRun;
+use crate::model::part::Part;
 use crate::model::predictor::{Likelihood, at_rest, tried, with_forces};
+use crate::model::reach::Reach;
 
 impl StateFilter {
-    /// The likeliest filter of the vehicle without any cause: the best with one memory for all states, improved state by
-    /// state. `None` where none follows the record. When the watch is stopped, the best of those that were tried.
+    /// The likeliest filter of the vehicle without any cause, with or without forces. Of each decoupled part of the vehicle,
+    /// whose likelihood does not depend on the others': the best with one memory for all states, improved state by state.
+    /// `None` where none follows the record. When the watch is stopped, the best of those that were tried.
     pub fn likeliest(vehicle: &Vehicle, data: &Data, watch: &Watch) -> Option<Self> {
-        let all = tried(data).flat_map(|seconds| [(false, seconds), (true, seconds)]);
-        let filters = all.take_while(|_| !watch.is_stopped()).filter_map(|(forced, seconds)| {
-            let states = if forced { with_forces(vehicle).states.len() } else { vehicle.states.len() };
-            let filter = Self { forced, memories_s: vec![seconds; states] };
-            Some((filter.likelihood(vehicle, data)?, filter))
-        });
-        let (mut lowest, mut best) = filters.min_by(|(a, _), (b, _)| a.each().total_cmp(&b.each()))?;
-        let walked = best.vehicle(vehicle).into_owned();
-        for state in (0..walked.states.len()).filter(|state| walked.kinematic_row(*state).is_none()) {
-            let own = best.memories_s[state];
-            let (mut shorter, longer): (Vec<f64>, Vec<f64>) =
-                tried(data).filter(|seconds| *seconds != own).partition(|seconds| *seconds < own);
-            shorter.reverse();
-            // Outwards from the common memory, until it becomes less likely: the likelihood has one peak.
-            for way in [shorter, longer] {
-                for seconds in way {
-                    if watch.is_stopped() {
-                        return Some(best);
-                    }
-                    let mut other = best.clone();
-                    other.memories_s[state] = seconds;
-                    let found = other.likelihood(vehicle, data);
-                    match found.filter(|found| found.each() < lowest.each()) {
-                        Some(found) => (lowest, best) = (found, other),
-                        None => break,
-                    }
-                }
-            }
+        let parts = parts(vehicle, &follow(data));
+        // Both are improved before they are compared: forces of one memory may lose where those of several gain.
+        let of_all = |forced: bool| {
+            let found =
+                parts.iter().map(|part| Some(Tried::with_one_memory(forced, part, watch)?.improved(watch)));
+            found.collect::<Option<Vec<Tried<'_>>>>()
+        };
+        let each = |all: &Vec<Tried<'_>>| {
+            let sum = |of: fn(&Likelihood) -> f64| all.iter().map(|tried| of(&tried.likelihood)).sum::<f64>();
+            sum(|found| found.bic) / sum(|found| found.rows as f64)
+        };
+        let tried = [false, true].into_iter().filter_map(of_all);
+        let best = tried.min_by(|a, b| each(a).total_cmp(&each(b)))?;
+        let forced = best.first()?.filter.forced;
+        let walked = if forced { with_forces(vehicle) } else { vehicle.clone() };
+        let mut memories_s = vec![data.period_s; walked.states.len()];
+        for Tried { part, filter, .. } in best {
+            let states = part.states_of_whole(vehicle, forced);
+            states.into_iter().zip(filter.memories_s).for_each(|(state, own)| memories_s[state] = own);
         }
-        Some(best)
+        Some(Self { forced, memories_s })
     }
 
     /// The vehicle whose states the filter estimates.
@@ -76,6 +70,92 @@ impl StateFilter {
     }
 }
 
+/// A filter of a decoupled part of a vehicle, with its likelihood.
+struct Tried<'p> {
+    part: &'p Decoupled,
+    filter: StateFilter,
+    likelihood: Likelihood,
+}
+
+impl<'p> Tried<'p> {
+    /// The likeliest filter with one memory for all states.
+    fn with_one_memory(forced: bool, part: &'p Decoupled, watch: &Watch) -> Option<Self> {
+        let states = if forced { with_forces(&part.vehicle).states.len() } else { part.vehicle.states.len() };
+        let filters = tried(&part.data).take_while(|_| !watch.is_stopped()).filter_map(|seconds| {
+            let filter = StateFilter { forced, memories_s: vec![seconds; states] };
+            Some(Self { likelihood: filter.likelihood(&part.vehicle, &part.data)?, filter, part })
+        });
+        filters.min_by(|a, b| a.likelihood.each().total_cmp(&b.likelihood.each()))
+    }
+
+    /// The filter with each state's memory changed while that makes it likelier.
+    fn improved(self, watch: &Watch) -> Self {
+        let Self { part, filter: mut best, likelihood: mut lowest } = self;
+        let walked = best.vehicle(&part.vehicle).into_owned();
+        for state in (0..walked.states.len()).filter(|state| walked.kinematic_row(*state).is_none()) {
+            let own = best.memories_s[state];
+            let (mut shorter, longer): (Vec<f64>, Vec<f64>) =
+                tried(&part.data).filter(|seconds| *seconds != own).partition(|seconds| *seconds < own);
+            shorter.reverse();
+            // Outwards from the common memory, until it becomes less likely: the likelihood has one peak.
+            for way in [shorter, longer] {
+                for seconds in way {
+                    if watch.is_stopped() {
+                        return Self { part, filter: best, likelihood: lowest };
+                    }
+                    let mut other = best.clone();
+                    other.memories_s[state] = seconds;
+                    let found = other.likelihood(&part.vehicle, &part.data);
+                    match found.filter(|found| found.each() < lowest.each()) {
+                        Some(found) => (lowest, best) = (found, other),
+                        None => break,
+                    }
+                }
+            }
+        }
+        Self { part, filter: best, likelihood: lowest }
+    }
+}
+
+/// A decoupled part of a vehicle, or all of it, with its part of a record.
+struct Decoupled {
+    /// Its states in the whole.
+    states: Vec<usize>,
+    vehicle: Vehicle,
+    data: Data,
+}
+
+impl Decoupled {
+    /// Indices in the whole of the states that a filter of the part estimates: its own, then with forces those.
+    fn states_of_whole(&self, whole: &Vehicle, forced: bool) -> Vec<usize> {
+        let mut all = self.states.clone();
+        if forced {
+            let with_dynamics = (0..whole.states.len()).filter(|i| whole.kinematic_row(*i).is_none());
+            let forces = with_dynamics.zip(whole.states.len()..);
+            all.extend(forces.filter(|(on, _)| self.states.contains(on)).map(|(_, force)| force));
+        }
+        all
+    }
+}
+
+/// The decoupled parts of a vehicle that a record shows.
+fn parts(vehicle: &Vehicle, data: &Data) -> Vec<Decoupled> {
+    let reach = Reach::new(vehicle, data, std::iter::empty());
+    let mut parts: Vec<Decoupled> = Vec::new();
+    for (c, channel) in data.channels.iter().enumerate() {
+        let Some(subsystem) = reach.part_around(1 << c).filter(|part| !part.inputs.is_empty()) else {
+            let states = (0..vehicle.states.len()).collect();
+            return vec![Decoupled { states, vehicle: vehicle.clone(), data: data.clone() }];
+        };
+        let is_known = |part: &Decoupled| subsystem.states == part.states;
+        if subsystem.outputs.contains(&channel.output) && !parts.iter().any(is_known) {
+            let part = Part::new(subsystem, vehicle, data, None);
+            parts.push(Decoupled { states: part.subsystem.states, vehicle: part.vehicle, data: part.data });
+        }
+    }
+    parts
+}
+
 /// The record as one that a filter follows; its own memory is not used.
 pub fn follow(data: &Data) -> Data {
     Data { memory_s: Some(data.period_s), ..data.clone() }
@@ -87,6 +167,49 @@ mod tests {
 
     use super::*;
     use crate::data::flown::flown;
+
+    /// Axes of which one is gusty and the other quiet: the filter of both is that of each.
+    #[test]
+    fn decoupled_axes_have_memories_of_their_own() {
+        let text = "A = [[-2.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -4.0, -1.0]]\n\
+                    B = [[0.0, 5.0], [0.0, 0.0], [3.0, 0.0]]\n\
+                    C = [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]\n\
+                    states = [{ name = \"r\" }, { name = \"phi\" }, { name = \"p\" }]\n\
+                    inputs = [{ name = \"u_roll\" }, { name = \"u_yaw\" }]\n\
+                    outputs = [{ name = \"roll\", noise = 0.01 }, { name = \"yaw_rate\", noise = 0.01 }, \
+                    { name = \"roll_rate\", noise = 0.01 }]\n";
+        let vehicle = Vehicle::parse(text, "axes.toml").unwrap();
+        let input = |k: usize, j: usize| if k % (70 + 30 * j) < 35 { 0.3 } else { -0.3 };
+        let mut data = flown(&vehicle, (0..3000).map(|at| input(at / 2, at % 2)).collect(), 3);
+        let mut gust = 0.0;
+        for (k, noise) in whirlstand_test_harness::noise(1500, 7).into_iter().enumerate() {
+            gust = 0.98 * gust + 0.02 * noise;
+            for channel in &mut data.channels {
+                if vehicle.outputs[channel.output].name.starts_with("roll") {
+                    channel.values[k] += gust;
+                }
+            }
+        }
+        let parts = parts(&vehicle, &follow(&data));
+        assert_eq!(parts.len(), 2);
+        let whole = StateFilter::likeliest(&vehicle, &data, &Watch::default()).unwrap();
+        let sum: f64 = parts
+            .iter()
+            .map(|part| {
+                let own =
+                    part.states_of_whole(&vehicle, whole.forced).into_iter().map(|i| whole.memories_s[i]);
+                let filter = StateFilter { memories_s: own.collect(), ..whole };
+                filter.likelihood(&part.vehicle, &part.data).unwrap().bic
+            })
+            .sum();
+        let joint = whole.likelihood(&vehicle, &data).unwrap().bic;
+        assert!((sum - joint).abs() < 30.0, "{sum} {joint}");
+        for seconds in tried(&data) {
+            let common = StateFilter { memories_s: vec![seconds; whole.memories_s.len()], ..whole };
+            let other = common.likelihood(&vehicle, &data);
+            assert!(other.is_none_or(|other| other.bic > joint - 30.0), "{seconds} s: {other:?}, {joint}");
+        }
+    }
 
     /// On a record of minutes it took longer than the time that the user had given.
     #[test]
