@@ -5,10 +5,12 @@ use std::path::Path;
 use crate::support::bench::{all_ready, ready, signal};
 use crate::support::{json, run, spawn, whirlstand};
 
-/// Long enough that every node can be stopped within it.
-const DURATION_S: &str = "200";
+/// Long enough that every node can be stopped within it; over a network a step takes several times as long.
+fn duration_s(transport: &str) -> &'static str {
+    if transport == "zenoh" { "120" } else { "200" }
+}
 
-fn flight<'a>(out: &'a str, transport: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+fn flight<'a>(out: &'a str, transport: &'a str, duration: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     // A stopped node sends no health messages, and would be killed for that.
     let patient = [
         "nodes.plant.hang_timeout_s=100",
@@ -18,22 +20,11 @@ fn flight<'a>(out: &'a str, transport: &'a str, more: &[&'a str]) -> Vec<&'a str
         "plant.start_timeout_s=100",
     ];
     let set = patient.into_iter().flat_map(|key| ["--set", key]);
-    [
-        "run",
-        "quadrotor",
-        "--mode",
-        "lockstep",
-        "--duration",
-        DURATION_S,
-        "--transport",
-        transport,
-        "--out",
-        out,
-    ]
-    .into_iter()
-    .chain(set)
-    .chain(more.iter().copied())
-    .collect()
+    ["run", "quadrotor", "--mode", "lockstep", "--duration", duration, "--transport", transport, "--out", out]
+        .into_iter()
+        .chain(set)
+        .chain(more.iter().copied())
+        .collect()
 }
 
 #[track_caller]
@@ -54,10 +45,10 @@ fn nodes_that_stand_still_change_nothing(transport: &str) {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).to_str().expect("utf-8 path").to_string();
     let reference = path("reference");
-    run(flight(&reference, "inproc", &[])).success();
+    run(flight(&reference, "inproc", duration_s(transport), &[])).success();
     let out = path(transport);
     let told = ["--log-level", "debug"];
-    let mut bench = spawn(whirlstand(flight(&out, transport, &told)));
+    let mut bench = spawn(whirlstand(flight(&out, transport, duration_s(transport), &told)));
     let nodes = ["estimator", "controller", "recorder"];
     let pids = all_ready(&mut bench, nodes);
     if transport == "zenoh" {

@@ -78,7 +78,8 @@ pub(crate) fn narrow_band(
     }
 }
 
-/// Histogram of the final residual, against the declared noise.
+/// Histogram of the final residual, against the declared noise; beside a filter, whose residual has motions, of its changes
+/// from sample to sample over the root of two, which of white noise have its standard deviation.
 pub(crate) fn noise(
     channel: usize,
     findings: &Findings<'_>,
@@ -88,7 +89,14 @@ pub(crate) fn noise(
     let range = data.ranges()[channel].clone();
     let good = &data.channels[channel].good;
     let residual = &findings.residual.selection.fit.residual[range];
-    let values: Vec<f64> = residual.iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
+    let follows = data.memory_s.is_some();
+    let values: Vec<f64> = if follows {
+        let both = residual.windows(2).zip(good.windows(2)).filter(|(_, good)| good[0] && good[1]);
+        both.map(|(r, _)| (r[1] - r[0]) / std::f64::consts::SQRT_2).filter(|v| v.is_finite()).collect()
+    } else {
+        residual.iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect()
+    };
+    let shown = if follows { "changes of the residual" } else { "residual" };
     let output = &vehicle.outputs[data.channels[channel].output];
     let (std, reach) = (rms(&values), 4.0 * rms(&values));
     let width = 2.0 * reach / HISTOGRAM_BUCKETS as f64;
@@ -107,8 +115,13 @@ pub(crate) fn noise(
     EvidenceCurve {
         cause: format!("{} on {}", Kind::Noise, output.name),
         accepted: true,
-        caption: "The residual has a bell-shaped distribution, wider than the declared noise.".into(),
-        x: Axis::new(&format!("residual of {}", output.name), output.unit.shown()),
+        caption: if follows {
+            "Changes from sample to sample, over the root of two, are larger than the declared noise makes them."
+        } else {
+            "The residual has a bell-shaped distribution, wider than the declared noise."
+        }
+        .into(),
+        x: Axis::new(&format!("{shown} of {}", output.name), output.unit.shown()),
         y: Axis::number("samples"),
         explained: (centres.clone(), bell(std)),
         without: (centres.clone(), bell(output.noise)),

@@ -5,7 +5,7 @@ use crate::data::outliers::still_wild;
 use crate::data::sample_effect::SampleEffect;
 use crate::model::fit::{Fit, Model};
 use crate::residual::credibility::{Credibility, Withheld};
-use crate::residual::excess_noise::{ExcessNoise, excess_noise};
+use crate::residual::excess_noise::{ExcessNoise, beside_a_motion, excess_noise};
 use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
 use crate::residual::narrow_band::{NarrowBand, narrow_band};
 use crate::residual::out_of_library::ForceOnSignal;
@@ -61,7 +61,7 @@ impl<'r> Residual<'r> {
         }
         let rest_before = baseline.data().held && rest_before(&selection);
         let mut withheld = Vec::new();
-        let asked = lack.is_some() || noise.is_empty() && !baseline.blocked;
+        let asked = lack.is_some() || (follows || noise.is_empty()) && !baseline.blocked;
         if asked && !watch.is_stopped() {
             watch.tell("analysing the remaining residual");
             let credibility = credibility(baseline, &space, turbulence.is_some());
@@ -150,16 +150,23 @@ fn rounded(baseline: &Baseline<'_>) -> Vec<usize> {
     rounded.map(|e| e.channel).collect()
 }
 
-/// Noise beyond the declared one, without coloured noise that turbulence explains.
+/// Noise beyond the declared one, without coloured noise that turbulence explains. A filter that follows the record leaves
+/// motions in the residual.
 fn excess(baseline: &Baseline<'_>, fit: &Fit, turbulent: bool) -> Vec<(usize, ExcessNoise)> {
-    if turbulent || baseline.data().memory_s.is_some() {
+    if turbulent {
         return Vec::new();
     }
     let data = baseline.data();
     let channels = fit.profile.noise.channels.iter().zip(&baseline.declared).enumerate();
     channels
         .filter_map(|(c, (noise, declared))| {
-            Some((c, excess_noise(data, &fit.residual, noise, c, *declared)?))
+            let found = if data.memory_s.is_some() {
+                let own = data.ranges()[c].clone();
+                beside_a_motion(&fit.residual[own], &data.channels[c], *declared)
+            } else {
+                excess_noise(data, &fit.residual, noise, c, *declared)
+            };
+            Some((c, found?))
         })
         .collect()
 }
