@@ -183,7 +183,9 @@ impl<'a, 'd> Comparison<'a, 'd> {
         }
         let states: Vec<(usize, f64)> = pushed.iter().map(|(i, _)| (*i, self.slopes[*i])).collect();
         let forces = Forces::new(self.model, self.fit, self.vehicle, &states);
-        let columns = |basis: usize| self.columns(&forces, &pushed, bases[basis]());
+        let columns = |some: &[usize]| {
+            self.columns(&forces, &pushed, some.iter().map(|basis| bases[*basis]()).collect())
+        };
         // The fastest score test preselects; the others test only the remaining bases.
         let [rest @ .., quick] = self.score_tests.as_slice() else { return None };
         let mut sorted = weights(quick, 0..bases.len(), &columns);
@@ -199,7 +201,8 @@ impl<'a, 'd> Comparison<'a, 'd> {
         let looks = 2.0 * (bases.len() as f64).ln();
         let bics = weighed.into_par_iter().filter_map(|(score_test, weight)| {
             let mut explained = vec![0.0; self.fit.residual.len()];
-            for (column, by) in columns(weight.basis)?.1.iter().zip(weight.by.iter()) {
+            let basis = columns(&[weight.basis]).pop().flatten()?;
+            for (column, by) in basis.1.iter().zip(weight.by.iter()) {
                 explained.iter_mut().zip(column).for_each(|(e, c)| *e += by * c);
             }
             let bic = self.bic(score_test, &explained, weight.by.len());
@@ -239,15 +242,15 @@ impl<'a, 'd> Comparison<'a, 'd> {
         weights.truncate(most);
     }
 
-    /// Description of a basis, and the responses of the samples to its functions; `None` where one could not
-    /// be simulated.
+    /// Description of each basis, and the responses of the samples to its functions; `None` where one could not be
+    /// simulated.
     fn columns(
         &self,
         forces: &Forces<'_>,
         pushed: &[(usize, f64)],
-        Basis { description, functions }: Basis,
-    ) -> Option<(String, Vec<Vec<f64>>)> {
-        let values: Vec<&[f64]> = functions.iter().map(Vec::as_slice).collect();
+        bases: Vec<Basis>,
+    ) -> Vec<Option<Columns>> {
+        let values: Vec<&[f64]> = bases.iter().flat_map(|b| &b.functions).map(Vec::as_slice).collect();
         let mut sums: Vec<(usize, Vec<f64>)> = vec![(0, Vec::new()); values.len()];
         for (state, index, mut response) in
             forces.each(&values, |state, index, response| (state, index, response))
@@ -262,29 +265,43 @@ impl<'a, 'd> Comparison<'a, 'd> {
             }
             *told += 1;
         }
-        let whole = sums.into_iter().map(|(told, mut sum)| {
+        let mut sums = sums.into_iter().map(|(told, mut sum)| {
             (told == pushed.len()).then(|| {
                 self.model.free_run.data.fill(&mut sum);
                 sum
             })
         });
-        Some((description, whole.collect::<Option<_>>()?))
+        let of = |Basis { description, functions }: Basis| {
+            let own: Vec<Option<Vec<f64>>> = sums.by_ref().take(functions.len()).collect();
+            Some((description, own.into_iter().collect::<Option<_>>()?))
+        };
+        bases.into_iter().map(of).collect()
     }
 }
 
-/// Scores of bases in a score test, from the `columns` of each. Columns are created one basis after the
-/// other: those of all bases together would fill the memory.
+/// Description of a basis, and the responses of the samples to its functions.
+type Columns = (String, Vec<Vec<f64>>);
+
+/// Number of bases whose responses are made together: most have two functions, and side by side these fill the lanes of a
+/// recursion. Cost.
+const BASES_TOGETHER: usize = 8;
+
+/// Scores of bases in a score test, from the `columns` of some at a time: those of all together would fill the memory.
 fn weights(
     score_test: &ScoreTest<'_>,
     bases: impl Iterator<Item = usize>,
-    columns: &(impl Fn(usize) -> Option<(String, Vec<Vec<f64>>)> + Sync),
+    columns: &(impl Fn(&[usize]) -> Vec<Option<Columns>> + Sync),
 ) -> Vec<Contribution> {
-    let weight = |basis| {
-        let (description, columns) = columns(basis)?;
-        let (energy, by) = explained(score_test, &columns)?;
-        Some(Contribution { energy, by, basis, description })
-    };
-    bases.collect::<Vec<_>>().into_par_iter().filter_map(weight).collect()
+    let bases: Vec<usize> = bases.collect();
+    let some = bases.par_chunks(BASES_TOGETHER).flat_map_iter(|some| {
+        let weight = |(basis, columns): (&usize, Option<Columns>)| {
+            let (description, columns) = columns?;
+            let (energy, by) = explained(score_test, &columns)?;
+            Some(Contribution { energy, by, basis: *basis, description })
+        };
+        some.iter().zip(columns(some)).filter_map(weight).collect::<Vec<_>>()
+    });
+    some.collect()
 }
 
 /// Score of several columns together in a score test, and their coefficients.
