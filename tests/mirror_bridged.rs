@@ -1,15 +1,13 @@
-//! The mirror with a vehicle behind a link. MAVLink: one bench is the vehicle, pymavlink its autopilot, and a second bench
-//! flies it. CRSF: a transmitter module with a vehicle behind it. Real processes, real UDP and pseudo-terminals, and clocks
-//! that are not synchronised.
+//! The mirror with a vehicle behind MAVLink: one bench is the vehicle, pymavlink its autopilot, and a second bench flies it.
+//! Real processes, real UDP, and clocks that are not synchronised.
 
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
 use crate::support::bridged::{Bridged, setpoints};
-use crate::support::radio::Place;
+use crate::support::mirrored::{half_of_the_input_is_named, one_at_a_time};
 use crate::support::{json, spawn, whirlstand};
-use serde_json::{Value, json as value};
+use serde_json::Value;
 use whirlstand_test_harness::{Outcome, python};
 
 /// A UDP port that no process uses.
@@ -43,9 +41,6 @@ restart = "never"
     path
 }
 
-/// One flight at a time, because the arrival times of messages are measured.
-static FLIGHT: Mutex<()> = Mutex::new(());
-
 /// Time at which the effect begins, s, which is enough to learn the age of the measurements before; and the length
 /// of a flight in which nothing is to be found.
 const ONSET_S: f64 = 30.0;
@@ -63,7 +58,7 @@ fn flown(
     awaited: Option<&str>,
 ) -> Result<(Vec<Value>, String), whirlstand_test_harness::Missing> {
     let python = python()?;
-    let _alone = FLIGHT.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = one_at_a_time();
     let dir = tempfile::tempdir().unwrap();
     let port = free_port();
     let file = vehicle(dir.path(), &python, port, effect);
@@ -116,47 +111,7 @@ fn half_of_an_input_that_is_lost_in_flight_is_named_with_its_size() -> Outcome {
     Ok(())
 }
 
-/// Asserts that half of the input is named, and that nothing is named before `earliest_s`. If a busy machine stops a
-/// process, a prediction can be wrong before, without a name.
-fn half_of_the_input_is_named(findings: &[Value], earliest_s: f64, said: &str) {
-    let cause = "input_gain on u_roll: factor ";
-    let named = |f: &&Value| {
-        let text = f["text"].as_str().unwrap();
-        !text.ends_with("looking for the cause") && !text.contains("right again")
-    };
-    let first = findings.iter().find(named).unwrap_or_else(|| panic!("nothing was named: {said}"));
-    assert!(first["at_s"].as_f64().unwrap() > earliest_s, "{findings:?}\n{said}");
-    let text = |f: &Value| f["text"].as_str().unwrap().to_owned();
-    let size = findings.iter().map(text).find_map(|t| t.split(cause).nth(1).map(str::to_string));
-    let factor: f64 = size.and_then(|t| t.split(' ').next()?.parse().ok()).unwrap_or(f64::NAN);
-    assert!((0.4..0.6).contains(&factor), "{findings:?}");
-}
-
-/// CRSF reports only the attitude, rounded, here 50 times a second.
-fn half_of_an_input_that_a_vehicle_behind_crsf_loses_is_named() {
-    let _alone = FLIGHT.lock().unwrap_or_else(PoisonError::into_inner);
-    let place = Place::new();
-    let vehicle = place.vehicle_file("quadrotor", "");
-    let launch = place.launch_of(&vehicle, "stale_s = 1.0", &format!("[mirror]\n{}", setpoints()));
-    let phases = value!([
-        ["disarmed", {"arm": false, "automatic": true}],
-        ["flown", {"arm": null, "automatic": true, "frames": 2500}],
-        ["flown", {"arm": true, "automatic": true, "effective": 0.5, "frames": 9000}],
-    ]);
-    let _radio = spawn(place.flying(&phases, &value!({"every": 2, "late": 1, "noise": 1e-3})));
-    let out = place.dir.path().join("out");
-    let mut bench = spawn(whirlstand(["run", &launch, "--out", out.to_str().unwrap()]));
-    bench.wait_for_stderr("input_gain on u_roll: factor ");
-    bench.signal(libc::SIGINT);
-    let ended = bench.finish();
-    let summary = json(out.join("summary.json"));
-    let findings = summary["runs"][0]["findings"].as_array().unwrap();
-    println!("{findings:?}");
-    half_of_the_input_is_named(findings, 20.0, &ended.stderr);
-}
-
 whirlstand_test_harness::listed!(
     a_vehicle_as_its_file_says_is_blamed_for_nothing,
     half_of_an_input_that_is_lost_in_flight_is_named_with_its_size,
-    half_of_an_input_that_a_vehicle_behind_crsf_loses_is_named
 );

@@ -17,6 +17,7 @@ mod live;
 mod live_stick;
 mod log_segments;
 mod mirror_bridged;
+mod mirror_crsf;
 mod pages;
 mod px4_station;
 mod rejection_in_realtime;
@@ -34,6 +35,7 @@ whirlstand_test_harness::suites!(
     bridge_crsf,
     bridge_check,
     autopilot_faults,
+    mirror_crsf,
     bridge_verdict,
     bridge_mavlink,
     rejection_in_realtime,

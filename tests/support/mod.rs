@@ -11,6 +11,7 @@ pub mod flood;
 pub mod foreign;
 pub mod gusts;
 pub mod mavlink;
+pub mod mirrored;
 pub mod page;
 pub mod radio;
 pub mod relay;
