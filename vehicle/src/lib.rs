@@ -49,7 +49,7 @@ pub use plausible::check_attitude;
 pub use random::Stream;
 pub use signal_unit::SignalUnit;
 pub use simulator::{
-    Backlash, Commands, Friction, InputEffects, LinearModel, RateLimit, Rows, SampledModel, Simulator,
+    Backlash, Friction, HammersteinModel, InputEffects, InputPaths, LinearModel, RateLimit, Rows, Simulator,
     SimulatorLanes, dead_zone, split_time,
 };
 pub use subsystem::Subsystem;

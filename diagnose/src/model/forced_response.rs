@@ -22,7 +22,7 @@ pub struct Forces<'a> {
     /// Forced states, each with a force smaller than a nonlinear effect would notice and larger than
     /// rounding.
     states: Vec<(usize, f64)>,
-    linear: Option<Linear<'a>>,
+    linear: Option<LinearMotion<'a>>,
 }
 
 impl<'a> Forces<'a> {
@@ -32,7 +32,7 @@ impl<'a> Forces<'a> {
         let free_run = model.free_run;
         // A filter answers to forces too.
         let free = free_run.data.memory_s.is_none();
-        let linear = if free { Linear::new(vehicle, free_run.data) } else { None };
+        let linear = if free { LinearMotion::new(vehicle, free_run.data) } else { None };
         Self { free_run, fit, vehicle, states, linear }
     }
 
@@ -67,7 +67,7 @@ impl<'a> Forces<'a> {
 
 /// Free motion of a vehicle whose effects all act on its inputs: forces on its states do not meet them.
 #[derive(Debug)]
-struct Linear<'d> {
+struct LinearMotion<'d> {
     data: &'d Data,
     /// Entries of a step's transition that are not zero, row after row.
     transition: Vec<Vec<(usize, f64)>>,
@@ -77,7 +77,7 @@ struct Linear<'d> {
     shown: Vec<Vec<(usize, f64)>>,
 }
 
-impl<'d> Linear<'d> {
+impl<'d> LinearMotion<'d> {
     fn new(vehicle: &Vehicle, data: &'d Data) -> Option<Self> {
         let on_input = |place| matches!(place, Place::Input(_) | Place::InputPair(..));
         if !vehicle.effects.iter().all(|effect| effect.resolve(vehicle).is_ok_and(on_input)) {
@@ -110,8 +110,8 @@ impl<'d> Linear<'d> {
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
-fn respond(linear: &Linear<'_>, push: &[Lane], forces: &[&[f64]], responses: &mut [Vec<f64>]) {
-    let Linear { data, transition, shown, .. } = linear;
+fn respond(linear: &LinearMotion<'_>, push: &[Lane], forces: &[&[f64]], responses: &mut [Vec<f64>]) {
+    let LinearMotion { data, transition, shown, .. } = linear;
     let mut x = vec![[0.0; LANES]; transition.len()];
     let mut next = x.clone();
     let ranges = data.ranges();

@@ -24,11 +24,12 @@ impl StateFilter {
         let parts = parts(vehicle, &follow(data));
         // Both are improved before they are compared: forces of one memory may lose where those of several gain.
         let of_all = |forced: bool| {
-            let found =
-                parts.iter().map(|part| Some(Tried::with_one_memory(forced, part, watch)?.improved(watch)));
-            found.collect::<Option<Vec<Tried<'_>>>>()
+            let found = parts
+                .iter()
+                .map(|part| Some(PartFilter::with_one_memory(forced, part, watch)?.improved(watch)));
+            found.collect::<Option<Vec<PartFilter<'_>>>>()
         };
-        let each = |all: &Vec<Tried<'_>>| {
+        let each = |all: &Vec<PartFilter<'_>>| {
             let sum = |of: fn(&Likelihood) -> f64| all.iter().map(|tried| of(&tried.likelihood)).sum::<f64>();
             sum(|found| found.bic) / sum(|found| found.rows as f64)
         };
@@ -37,7 +38,7 @@ impl StateFilter {
         let forced = best.first()?.filter.forced;
         let walked = if forced { with_forces(vehicle) } else { vehicle.clone() };
         let mut memories_s = vec![data.period_s; walked.states.len()];
-        for Tried { part, filter, .. } in best {
+        for PartFilter { part, filter, .. } in best {
             let states = part.states_of_whole(vehicle, forced);
             states.into_iter().zip(filter.memories_s).for_each(|(state, own)| memories_s[state] = own);
         }
@@ -71,13 +72,13 @@ impl StateFilter {
 }
 
 /// A filter of a decoupled part of a vehicle, with its likelihood.
-struct Tried<'p> {
+struct PartFilter<'p> {
     part: &'p Decoupled,
     filter: StateFilter,
     likelihood: Likelihood,
 }
 
-impl<'p> Tried<'p> {
+impl<'p> PartFilter<'p> {
     /// The likeliest filter with one memory for all states.
     fn with_one_memory(forced: bool, part: &'p Decoupled, watch: &Watch) -> Option<Self> {
         let states = if forced { with_forces(&part.vehicle).states.len() } else { part.vehicle.states.len() };

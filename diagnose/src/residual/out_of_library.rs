@@ -249,7 +249,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
         forces: &Forces<'_>,
         pushed: &[(usize, f64)],
         bases: Vec<Basis>,
-    ) -> Vec<Option<Columns>> {
+    ) -> Vec<Option<Responses>> {
         let values: Vec<&[f64]> = bases.iter().flat_map(|b| &b.functions).map(Vec::as_slice).collect();
         let mut sums: Vec<(usize, Vec<f64>)> = vec![(0, Vec::new()); values.len()];
         for (state, index, mut response) in
@@ -280,7 +280,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
 }
 
 /// Description of a basis, and the responses of the samples to its functions.
-type Columns = (String, Vec<Vec<f64>>);
+type Responses = (String, Vec<Vec<f64>>);
 
 /// Number of bases whose responses are made together: most have two functions, and side by side these fill the lanes of a
 /// recursion. Cost.
@@ -290,11 +290,11 @@ const BASES_TOGETHER: usize = 8;
 fn weights(
     score_test: &ScoreTest<'_>,
     bases: impl Iterator<Item = usize>,
-    columns: &(impl Fn(&[usize]) -> Vec<Option<Columns>> + Sync),
+    columns: &(impl Fn(&[usize]) -> Vec<Option<Responses>> + Sync),
 ) -> Vec<Contribution> {
     let bases: Vec<usize> = bases.collect();
     let some = bases.par_chunks(BASES_TOGETHER).flat_map_iter(|some| {
-        let weight = |(basis, columns): (&usize, Option<Columns>)| {
+        let weight = |(basis, columns): (&usize, Option<Responses>)| {
             let (description, columns) = columns?;
             let (energy, by) = explained(score_test, &columns)?;
             Some(Contribution { energy, by, basis: *basis, description })

@@ -1,7 +1,7 @@
 //! One step of a linear simulation at one value of the parameters, with derivatives by all of them.
 
 use nalgebra::DMatrix;
-use whirlstand_vehicle::{Commands, Matrix, SampledModel, Target};
+use whirlstand_vehicle::{HammersteinModel, InputPaths, Matrix, Target};
 
 use super::problem::{Problem, parameter_sides};
 use super::sensitivity::exponential_with_derivatives;
@@ -38,14 +38,14 @@ pub enum Drive {
     Recorded,
     /// The commands behind static effects and delays; then for each parameter of these effects the derivatives by it of its
     /// own input, until and from the fraction of a step by which it is delayed.
-    Behind(Box<Commands>, Vec<Moved>),
+    Behind(Box<InputPaths>, Vec<Moved>),
 }
 
-/// Commands on both sides of a parameter on which they depend.
+/// InputPaths on both sides of a parameter on which they depend.
 #[derive(Debug, Clone)]
 pub struct Moved {
     input: usize,
-    sides: [Commands; 2],
+    sides: [InputPaths; 2],
     /// Inverse of the distance between the sides.
     inverse: f64,
     scratch: Vec<f64>,
@@ -126,8 +126,9 @@ impl LinearStep {
 
     /// A vehicle whose effects all act on its inputs: the matrices of a step are differenced, not simulations.
     fn behind_effects(problem: &Problem, theta: &[f64]) -> Option<Self> {
-        let at =
-            |theta: &[f64]| SampledModel::new(&problem.vehicle_at(theta), problem.period_s).ok().flatten();
+        let at = |theta: &[f64]| {
+            HammersteinModel::new(&problem.vehicle_at(theta), problem.period_s).ok().flatten()
+        };
         let (model, commands) = at(theta)?;
         let m = problem.m();
         let first_moved = model.states() + 2 * m;
@@ -147,7 +148,7 @@ impl LinearStep {
                 (above, below) => (above.unwrap_or_else(centre), below.unwrap_or_else(centre)),
             };
             let inverse = 1.0 / (upper - lower);
-            let change = |side: fn(&SampledModel) -> &DMatrix<f64>| {
+            let change = |side: fn(&HammersteinModel) -> &DMatrix<f64>| {
                 slopes(&((side(&above.0) - side(&below.0)) * inverse), parameter)
             };
             motion_slopes.extend(change(|model| &model.motion));
@@ -160,7 +161,7 @@ impl LinearStep {
                 value: (a - b) * inverse,
             }));
             if let Target::Effect(index, _) = place.target
-                && Commands::depend_on(problem.vehicle.effects[index].kind())
+                && InputPaths::depend_on(problem.vehicle.effects[index].kind())
             {
                 let input = problem.vehicle.input_index(problem.vehicle.effects[index].place())?;
                 let column = first_moved + 2 * moved.len();
@@ -179,7 +180,7 @@ impl LinearStep {
             }
         }
         let width = first_moved + 2 * moved.len();
-        let SampledModel { motion, sensing, offsets, resting, .. } = model;
+        let HammersteinModel { motion, sensing, offsets, resting, .. } = model;
         Some(Self {
             motion: motion.resize_horizontally(width, 0.0),
             motion_slopes,

@@ -1,4 +1,5 @@
-//! A vehicle whose effects all act on its inputs, sampled: matrices of a step, and the commands behind their effects.
+//! A vehicle whose effects all act on its inputs as a Hammerstein model (Ljung 1999, 5.2): static effects on the commands, then
+//! a linear step.
 
 use nalgebra::DMatrix;
 
@@ -15,9 +16,9 @@ use crate::model::{Input, Vehicle};
 ///
 /// `z+ = motion [z; v]`, `y = sensing [z; v] + offsets`
 ///
-/// z are the vehicle's states, then those of lags and modes on its inputs; v are [`Commands`]. All in SI.
+/// z are the vehicle's states, then those of lags and modes on its inputs; v are [`InputPaths`]. All in SI.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SampledModel {
+pub struct HammersteinModel {
     /// Number of the vehicle's own states.
     pub own: usize,
     /// States x (states + 2 inputs).
@@ -33,9 +34,9 @@ pub struct SampledModel {
     pub delays: Vec<(usize, f64)>,
 }
 
-/// The inputs of a [`SampledModel`], step by step: commands behind limits, static effects and whole steps of delays.
+/// The inputs of a [`HammersteinModel`], step by step: commands behind limits, static effects and whole steps of delays.
 #[derive(Debug, Clone)]
-pub struct Commands {
+pub struct InputPaths {
     period_s: f64,
     step: u64,
     applied: Vec<f64>,
@@ -43,13 +44,13 @@ pub struct Commands {
     paths: Vec<(Chain, Delay)>,
 }
 
-impl SampledModel {
+impl HammersteinModel {
     /// The model of `vehicle`, and its inputs before the first command; `None` where an effect acts elsewhere, or part of
     /// the time.
     ///
     /// # Errors
     /// As [`crate::Simulator::new`].
-    pub fn new(vehicle: &Vehicle, period_s: f64) -> Result<Option<(Self, Commands)>, SimulatorError> {
+    pub fn new(vehicle: &Vehicle, period_s: f64) -> Result<Option<(Self, InputPaths)>, SimulatorError> {
         let placed = vehicle.effects.iter().map(|e| Ok((e.clone(), e.resolve(vehicle)?)));
         let effects = placed.collect::<Result<Vec<(Effect, Place)>, SimulatorError>>()?;
         let on_input = |(effect, place): &(Effect, Place)| {
@@ -59,7 +60,7 @@ impl SampledModel {
             return Ok(None);
         }
         let system = System::new(vehicle, &effects, &vec![true; effects.len()])?;
-        let commands = Commands::new(vehicle, &effects, period_s);
+        let commands = InputPaths::new(vehicle, &effects, period_s);
         let (a, b) = &system.stages[0];
         let (size, m) = b.shape();
         let over = |length_s: f64| {
@@ -129,7 +130,7 @@ impl SampledModel {
     }
 }
 
-impl Commands {
+impl InputPaths {
     fn new(vehicle: &Vehicle, effects: &[(Effect, Place)], period_s: f64) -> Self {
         let neutral: Vec<f64> = vehicle.inputs.iter().map(Input::neutral).collect();
         let path = |(i, neutral): (usize, &f64)| {
@@ -200,7 +201,7 @@ mod tests {
 
     /// The simulator is the judge: outputs and states are the same at each step.
     #[test]
-    fn a_sampled_model_moves_as_the_simulator_does() {
+    fn a_hammerstein_model_moves_as_the_simulator_does() {
         let all = [
             String::new(),
             effect("actuator_lag", "u", "time_constant_s = 0.05"),
@@ -220,7 +221,7 @@ mod tests {
             let vehicle = vehicle(&effects);
             let period_s = 0.01;
             let mut simulator = Simulator::expected(&vehicle, period_s).unwrap();
-            let (model, mut commands) = SampledModel::new(&vehicle, period_s).unwrap().unwrap();
+            let (model, mut commands) = HammersteinModel::new(&vehicle, period_s).unwrap().unwrap();
             let (first, begun) = (700, [0.3, -0.2]);
             simulator.begin_at(first);
             simulator.set_state(&begun);
@@ -249,13 +250,13 @@ mod tests {
     }
 
     #[test]
-    fn what_acts_elsewhere_or_for_a_time_has_no_sampled_model() {
+    fn what_acts_elsewhere_or_for_a_time_is_no_hammerstein_model() {
         for effects in [
             effect("sensor_lag", "roll", "time_constant_s = 0.1"),
             effect("cubic_stiffness", "roll->roll_rate", "coefficient = 1.0"),
             effect("input_gain", "u", "factor = 0.5\nfrom_s = 3.0"),
         ] {
-            assert!(SampledModel::new(&vehicle(&effects), 0.01).unwrap().is_none(), "{effects}");
+            assert!(HammersteinModel::new(&vehicle(&effects), 0.01).unwrap().is_none(), "{effects}");
         }
     }
 }
