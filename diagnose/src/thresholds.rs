@@ -244,9 +244,9 @@ pub(crate) const BANDWIDTH_STARTS: usize = 5;
 pub(crate) const SIZE_STARTS: [f64; 3] = [0.4, 1.0, 2.5];
 /// Noise is named from this ratio to the declared noise on. The definition of `noise` as a cause.
 pub(crate) const EXCESS_NOISE_RATIO: f64 = 2.0;
-/// Largest covariance of changes two to four steps apart, as a share of that of changes in a row, where these are of white noise: of
-/// white noise it is 0. A convention.
-pub(crate) const WHITE_STEP_CORRELATION: f64 = 0.2;
+/// Noise makes changes from sample to sample oppose each other in a row. Where changes two to four steps apart do so too, by this
+/// share of that covariance, they are those of an oscillation, and no noise is named. A convention; noise makes it 0.
+pub(crate) const OPPOSED_AGAIN: f64 = 0.2;
 /// Selections of causes, each under the turbulence of the last. Cost.
 pub(crate) const TURBULENCE_PASSES: usize = 2;
 /// Ratio below which two sizes of turbulence are the same. Calibrated.

@@ -4,7 +4,7 @@ use whirlstand_logs::stats::{mean, rms};
 
 use crate::data::record::{Channel, Data};
 use crate::model::channel_noise::ChannelNoise;
-use crate::thresholds::{EXCESS_NOISE_RATIO, WHITE_STEP_CORRELATION};
+use crate::thresholds::{EXCESS_NOISE_RATIO, OPPOSED_AGAIN};
 
 /// White noise of a channel in excess of the declared noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,7 +37,7 @@ pub fn excess_noise(
 ///
 /// A motion goes on: its changes over two steps in a row do not oppose each other. White noise that is added to it makes them
 /// do so, with a covariance that is its negative variance (Roll, J. Finance 39, 1984: increments of a random walk measured with
-/// noise), and changes further apart are uncorrelated. The noise is at least that.
+/// noise); further apart they still go on. The noise is at least that.
 pub fn beside_a_motion(residual: &[f64], channel: &Channel, declared: f64) -> Option<ExcessNoise> {
     let change = |k: usize| -> Option<f64> {
         let both = channel.good.get(k..k + 2)?.iter().all(|good| *good);
@@ -50,7 +50,7 @@ pub fn beside_a_motion(residual: &[f64], channel: &Channel, declared: f64) -> Op
     let next = products(1);
     let variance = mean(&next);
     // An oscillation that is faster than the samples show opposes itself too, and again later.
-    let again = |apart: usize| mean(&products(apart)).abs() > WHITE_STEP_CORRELATION * variance;
+    let again = |apart: usize| mean(&products(apart)) > OPPOSED_AGAIN * variance;
     if next.len() < 2 || variance <= 0.0 || (2..=4).any(again) {
         return None;
     }
@@ -104,7 +104,8 @@ mod tests {
                 })
             })
             .collect();
-        for motion in [walk(0.03), gust] {
+        let slow: Vec<f64> = (0..n).map(|k| 0.1 * (0.1 * k as f64).sin()).collect();
+        for motion in [walk(0.03), gust, slow] {
             let with =
                 |std: f64| -> Vec<f64> { motion.iter().zip(&noise).map(|(x, e)| x + std * e).collect() };
             assert_eq!(beside_a_motion(&with(0.01), &channel(n), 0.01), None);
