@@ -1,12 +1,13 @@
 //! Outliers: single samples far from the values that their neighbours suggest.
 
 use crate::thresholds::{
-    ISOLATED_SIGMAS, MAX_AR_ORDER, MIN_BIC_GAIN, MIN_OUTLIERS, MIXTURE_ROUNDS, NEIGHBOURS, OUTLIER_ROUNDS,
-    OUTLIER_SIGMAS, OUTLIER_SIZE_RATIO, OUTLIER_STEP_RATIO, STUDENT_DEGREES, STUDENT_ROUNDS,
+    ISOLATED_SIGMAS, MAX_AR_ORDER, MIN_BIC_GAIN, MIN_OUTLIERS, MIXTURE_ROUNDS, MIXTURE_SETTLED, NEIGHBOURS,
+    NORMAL_DEGREES, OUTLIER_ROUNDS, OUTLIER_SIGMAS, OUTLIER_SIZE_RATIO, OUTLIER_STEP_RATIO, STUDENT_DEGREES,
+    STUDENT_ROUNDS,
 };
 use std::collections::BTreeMap;
 
-use statrs::distribution::{Continuous, Normal, StudentsT};
+use statrs::distribution::{Continuous, StudentsT};
 
 use whirlstand_vehicle::Kind;
 
@@ -16,63 +17,129 @@ use crate::model::noise::filtered;
 use whirlstand_ident::identify::ar::Ar;
 use whirlstand_logs::stats::{mad_std, mean, median, rms};
 
-/// Outliers of a channel.
+/// Samples of a channel that lie far from what others suggest.
 struct Wild {
-    /// Index of each sample and its deviation.
-    values: Vec<(usize, f64)>,
-    /// Standard deviation of the deviations without outliers.
+    samples: Vec<Deviation>,
+    /// Standard deviation of the deviations without these samples.
     spread: f64,
-    /// Number of isolated outliers: a bend of the signal is not an outlier.
-    alone: usize,
     /// Deviations of all other samples.
     others: Vec<f64>,
 }
 
+/// A sample that lies far from what others suggest.
+#[derive(Debug, Clone, Copy)]
+struct Deviation {
+    /// Index of the sample.
+    at: usize,
+    size: f64,
+    /// False on a bend of the signal.
+    alone: bool,
+}
+
+/// Noise of which a share is shifted by one magnitude, up or down (Tukey 1960), with its log-likelihood. The noise is Student's t:
+/// nearly normal with many degrees of freedom, heavy-tailed with few.
+struct Contaminated {
+    likelihood: f64,
+    magnitude: f64,
+    share: f64,
+    spread: f64,
+    degrees: f64,
+    /// Density of the noise at 0, of spread one.
+    peak: f64,
+}
+
+/// Mean of the deviations' magnitudes, and their spread.
+fn sizes(of: &[Deviation]) -> (f64, f64) {
+    let sizes: Vec<f64> = of.iter().map(|wild| wild.size.abs()).collect();
+    let magnitude = mean(&sizes);
+    (magnitude, rms(&sizes.iter().map(|s| s - magnitude).collect::<Vec<_>>()))
+}
+
 impl Wild {
-    /// Mean of the outliers' magnitudes, and their spread.
-    fn sizes(&self) -> (f64, f64) {
-        let sizes: Vec<f64> = self.values.iter().map(|(_, size)| size.abs()).collect();
-        let magnitude = mean(&sizes);
-        (magnitude, rms(&sizes.iter().map(|s| s - magnitude).collect::<Vec<_>>()))
+    /// The outliers of the table, isolated samples of one magnitude up or down, where these samples are a population of
+    /// their own beside the noise, by BIC. Otherwise they are its tails (Lange, Little and Taylor 1989). Those that more likely
+    /// belong to the noise are not among them: coloured noise comes in bursts.
+    fn outliers(&self) -> Option<Vec<Deviation>> {
+        let all: Vec<f64> =
+            self.others.iter().copied().chain(self.samples.iter().map(|wild| wild.size)).collect();
+        let degrees = STUDENT_DEGREES.into_iter().chain([NORMAL_DEGREES]);
+        let found = degrees.filter_map(|degrees| self.contaminated(&all, degrees));
+        let found = found.max_by(|a, b| a.likelihood.total_cmp(&b.likelihood))?;
+        // Magnitude and share are two parameters more.
+        let gain = 2.0 * (found.likelihood - student(&all));
+        if gain <= 2.0 * (all.len() as f64).ln() + MIN_BIC_GAIN {
+            return None;
+        }
+        let own: Vec<Deviation> = self.samples.iter().copied().filter(|wild| found.has(wild.size)).collect();
+        let (magnitude, differing) = sizes(&own);
+        let alone = own.iter().filter(|wild| wild.alone).count();
+        (!own.is_empty() && differing <= 0.35 * magnitude && alone * 10 >= own.len() * 9).then_some(own)
     }
 
-    /// True when the outliers are a population of their own, of one magnitude beside normal noise, by BIC.
-    /// Otherwise the noise is heavy-tailed, as Student's t, and the outliers are its tails (Lange, Little and
-    /// Taylor 1989).
-    fn are_apart(&self) -> bool {
-        let all: Vec<f64> = self.others.iter().copied().chain(self.values.iter().map(|v| v.1)).collect();
-        // Spread, magnitude and share against scale and degrees of freedom: one parameter more.
-        2.0 * (self.contaminated(&all) - student(&all)) > (all.len() as f64).ln() + MIN_BIC_GAIN
-    }
-
-    /// Maximum log-likelihood of normal values of which a share is shifted by one magnitude, up or down
-    /// (Tukey 1960), by expectation maximisation starting from the outliers: the boundary between them is no
-    /// fixed limit.
-    fn contaminated(&self, all: &[f64]) -> f64 {
+    /// The likeliest noise with a shifted share, by expectation maximisation starting from the largest of these samples: the
+    /// boundary between the two populations is no fixed limit.
+    fn contaminated(&self, all: &[f64], degrees: f64) -> Option<Contaminated> {
         let n = all.len() as f64;
-        let (mut magnitude, mut share) = (self.sizes().0, self.values.len() as f64 / n);
-        let mut spread = rms(&self.others);
-        let mut likelihood = f64::NEG_INFINITY;
+        let largest = self.samples.iter().map(|wild| wild.size.abs()).fold(0.0, f64::max);
+        let far: Vec<f64> =
+            self.samples.iter().map(|wild| wild.size.abs()).filter(|size| *size > 0.5 * largest).collect();
+        let mut found = Contaminated {
+            likelihood: f64::NEG_INFINITY,
+            magnitude: mean(&far),
+            share: far.len() as f64 / n,
+            spread: self.spread,
+            degrees,
+            peak: StudentsT::new(0.0, 1.0, degrees).ok()?.pdf(0.0),
+        };
         for _ in 0..MIXTURE_ROUNDS {
-            let Ok(noise) = Normal::new(0.0, spread) else { return likelihood };
-            let (mut sum, mut wild, mut off, mut square) = (0.0, 0.0, 0.0, 0.0);
+            if found.spread <= 0.0 {
+                return None;
+            }
+            let (mut sum, mut wild, mut near, mut off, mut square) = (0.0, 0.0, 0.0, 0.0, 0.0);
             for x in all.iter().map(|x| x.abs()) {
-                let bulk = (1.0 - share) * noise.pdf(x);
-                let apart = 0.5 * share * (noise.pdf(x - magnitude) + noise.pdf(x + magnitude));
+                let (bulk, apart) = found.densities(x);
                 let total = (bulk + apart).max(f64::MIN_POSITIVE);
                 let weight = apart / total;
+                let (own, others) = (found.weight(x - found.magnitude), found.weight(x));
                 sum += total.ln();
                 wild += weight;
-                off += weight * x;
-                square += (1.0 - weight) * x * x + weight * (x - magnitude).powi(2);
+                near += weight * own;
+                off += weight * own * x;
+                square += (1.0 - weight) * others * x * x + weight * own * (x - found.magnitude).powi(2);
             }
-            likelihood = sum;
-            if wild <= 0.0 {
+            let is_settled = sum - found.likelihood < MIXTURE_SETTLED;
+            found.likelihood = sum;
+            if wild <= 0.0 || is_settled {
                 break;
             }
-            (share, magnitude, spread) = (wild / n, off / wild, (square / n).sqrt());
+            (found.share, found.magnitude, found.spread) = (wild / n, off / near, (square / n).sqrt());
         }
-        likelihood
+        Some(found)
+    }
+}
+
+impl Contaminated {
+    fn density(&self, x: f64) -> f64 {
+        let z = x / self.spread;
+        self.peak / self.spread * (1.0 + z * z / self.degrees).powf(-0.5 * (self.degrees + 1.0))
+    }
+
+    /// Weight of a deviation in the spread, 1 of all in normal noise.
+    fn weight(&self, x: f64) -> f64 {
+        let z = x / self.spread;
+        (self.degrees + 1.0) / (self.degrees + z * z)
+    }
+
+    /// Densities of a magnitude as a part of the noise and as one of the shifted values.
+    fn densities(&self, x: f64) -> (f64, f64) {
+        let apart = self.density(x - self.magnitude) + self.density(x + self.magnitude);
+        ((1.0 - self.share) * self.density(x), 0.5 * self.share * apart)
+    }
+
+    /// True where a value is more likely one of the shifted.
+    fn has(&self, value: f64) -> bool {
+        let (bulk, apart) = self.densities(value.abs());
+        apart > bulk
     }
 }
 
@@ -116,42 +183,38 @@ pub fn outliers(
         let own: Vec<&SampleEffect> = known.iter().filter(|e| e.channel == index).collect();
         let step = own.iter().filter_map(|e| e.parameters.get("step")).fold(0.0f64, |m, v| m.max(v.0));
         let distinct = |wild: &Wild| {
-            let at: Vec<usize> = wild.values.iter().map(|(k, _)| *k).collect();
-            let plain = wild
-                .values
-                .iter()
-                .all(|(_, size)| size.abs() > OUTLIER_SIZE_RATIO * OUTLIER_SIGMAS * wild.spread);
+            let at: Vec<usize> = wild.samples.iter().map(|wild| wild.at).collect();
+            let limit = OUTLIER_SIZE_RATIO * OUTLIER_SIGMAS * wild.spread;
+            let plain = wild.samples.iter().all(|wild| wild.size.abs() > limit);
             let enough = at.len() >= MIN_OUTLIERS || !at.is_empty() && plain && own.is_empty();
             enough && at.len() * 4 <= r.len() && longest_run(&at) <= 3
         };
-        // The table's effect of outliers has one magnitude, up or down, and isolated samples.
-        let alike = |wild: &Wild| {
-            let (magnitude, differing) = wild.sizes();
-            differing <= 0.35 * magnitude && wild.alone * 10 >= wild.values.len() * 9 && wild.are_apart()
+        let colour = || {
+            let wild = foretold(r, &channel.good).filter(|_| own.is_empty()).filter(distinct)?;
+            wild.outliers().is_some().then_some(wild)
         };
-        let colour = || foretold(r, &channel.good).filter(|_| own.is_empty()).filter(distinct).filter(alike);
         let Some(wild) =
             Some(far(r, &channel.good, OUTLIER_STEP_RATIO * step)).filter(distinct).or_else(colour)
         else {
             continue;
         };
-        for (k, _) in &wild.values {
-            channel.good[*k] = false;
+        for wild in &wild.samples {
+            channel.good[wild.at] = false;
         }
-        if !alike(&wild) {
-            let samples = wild.values.iter().map(|(k, _)| *k).collect();
+        let Some(outliers) = wild.outliers() else {
+            let samples = wild.samples.iter().map(|wild| wild.at).collect();
             excluded.push(Excluded { channel: index, samples });
             continue;
-        }
-        let (magnitude, differing) = wild.sizes();
-        let (n, count) = (r.len() as f64, wild.values.len() as f64);
+        };
+        let (magnitude, differing) = sizes(&outliers);
+        let (n, samples) = (r.len() as f64, outliers.len());
+        let count = samples as f64;
         let (low, high) = share_interval(count, n);
         let size = 1.96 * wild.spread.max(differing) / count.sqrt();
         let parameters = BTreeMap::from([
             ("fraction", (count / n, low, high)),
             ("magnitude", (magnitude, magnitude - size, magnitude + size)),
         ]);
-        let samples = wild.values.len();
         found.push(SampleEffect { kind: Kind::Outliers, channel: index, parameters, samples });
     }
     (found, excluded)
@@ -194,10 +257,11 @@ fn far(r: &[f64], good: &[bool], least: f64) -> Wild {
     let kept: Vec<f64> = away.iter().copied().filter(|a| *a != 0.0).collect();
     let spread = mad_std(&kept);
     let wild = |k: &usize| spread > 0.0 && away[*k].abs() > (OUTLIER_SIGMAS * spread).max(least);
-    let values: Vec<(usize, f64)> = (0..away.len()).filter(wild).map(|k| (k, away[k])).collect();
-    let alone = values.iter().filter(|(k, away)| away.abs() > ISOLATED_SIGMAS * scatter[*k]).count();
+    let deviation =
+        |at: usize| Deviation { at, size: away[at], alone: away[at].abs() > ISOLATED_SIGMAS * scatter[at] };
+    let samples = (0..away.len()).filter(wild).map(deviation).collect();
     let others = (0..away.len()).filter(|k| good[*k] && !wild(k)).map(|k| away[k]).collect();
-    Wild { values, spread, alone, others }
+    Wild { samples, spread, others }
 }
 
 /// Values far from what an autoregressive noise model predicts from the samples before and after. Where the
@@ -240,12 +304,13 @@ fn foretold(r: &[f64], good: &[bool]) -> Option<Wild> {
         }
         values.sort_unstable_by_key(|(k, _)| *k);
         let calm = |k: usize| white[k..].iter().take(colour.len()).all(|e| e.abs() < ISOLATED_SIGMAS * unit);
-        let alone = values.iter().filter(|(k, _)| calm(*k)).count();
+        let samples: Vec<Deviation> =
+            values.into_iter().map(|(at, size)| Deviation { at, size, alone: calm(at) }).collect();
         rest = r.to_vec();
-        values.iter().for_each(|(k, size)| rest[*k] -= size);
+        samples.iter().for_each(|wild| rest[wild.at] -= wild.size);
         let calm = (ar.order()..r.len()).filter(|k| good[*k] && rest[*k] == r[*k]);
         let others = calm.map(|k| off(&white, k)).collect();
-        found = Some(Wild { values, spread, alone, others });
+        found = Some(Wild { samples, spread, others });
     }
     found
 }
@@ -278,9 +343,9 @@ mod tests {
             r[k] += 60.0;
         }
         let wild = far(&r, &[true; SAMPLES], 0.0);
-        assert_eq!(wild.values.iter().map(|(k, _)| *k).collect::<Vec<_>>(), [800, 1700, 2900]);
-        let (magnitude, differing) = wild.sizes();
-        assert!(differing < 0.1 * magnitude && wild.are_apart());
+        assert_eq!(wild.samples.iter().map(|wild| wild.at).collect::<Vec<_>>(), [800, 1700, 2900]);
+        let (magnitude, differing) = sizes(&wild.samples);
+        assert!(differing < 0.1 * magnitude && wild.outliers().is_some_and(|found| found.len() == 3));
     }
 
     #[test]
@@ -288,7 +353,7 @@ mod tests {
         let good = vec![true; SAMPLES];
         let named = |r: &[f64]| {
             let wild = far(r, &good, 0.0);
-            wild.values.len() >= MIN_OUTLIERS && wild.are_apart()
+            wild.samples.len() >= MIN_OUTLIERS && wild.outliers().is_some()
         };
         let falsely = (0..50).filter(|seed| named(&heavy_tails(*seed, 3))).count();
         assert!(falsely <= 1, "{falsely} of 50");
@@ -301,6 +366,34 @@ mod tests {
                 }
                 assert!(named(&r), "{seed}: {size}");
             }
+        }
+    }
+
+    /// Bursts of a lightly damped noise lie far from their neighbours too, but not alone and not by one magnitude.
+    #[test]
+    fn bursts_of_noise_do_not_hide_outliers_of_one_magnitude() {
+        for seed in 0..20 {
+            let mut last = [0.0; 2];
+            let mut r: Vec<f64> = normal(seed)
+                .into_iter()
+                .map(|e| {
+                    let y = 0.1 * e + 1.7 * last[0] - 0.93 * last[1];
+                    last = [y, last[0]];
+                    y
+                })
+                .collect();
+            let spread = mad_std(&r);
+            let mut hidden: Vec<usize> = (40..SAMPLES).step_by(70).collect();
+            hidden.iter().for_each(|k| r[*k] += if k % 140 == 40 { 10.0 } else { -10.0 } * spread);
+            // Far from their neighbours, in a row.
+            for k in [500, 1200, 2500] {
+                r[k] += 6.0 * spread;
+                r[k + 1] += 5.5 * spread;
+            }
+            let wild = far(&r, &vec![true; SAMPLES], 0.0);
+            let found: Vec<usize> = wild.outliers().unwrap().iter().map(|wild| wild.at).collect();
+            hidden.retain(|k| !found.contains(k));
+            assert!(hidden.len() <= 2, "{seed}: {hidden:?} are not among {found:?}");
         }
     }
 }

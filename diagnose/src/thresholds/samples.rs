@@ -29,10 +29,14 @@ pub(crate) const MIN_OUTLIERS: usize = 3;
 pub(crate) const OUTLIER_SIZE_RATIO: f64 = 1.5;
 /// Degrees of freedom tried for heavy-tailed noise. Cost.
 pub(crate) const STUDENT_DEGREES: [f64; 8] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0];
+/// Degrees of freedom from which on Student's t is normal, within a thousandth of its variance.
+pub(crate) const NORMAL_DEGREES: f64 = 2000.0;
 /// Rounds in which the scale of Student's t is estimated. Cost.
 pub(crate) const STUDENT_ROUNDS: usize = 20;
 /// Rounds of expectation maximisation for outliers beside normal values. Cost.
 pub(crate) const MIXTURE_ROUNDS: usize = 20;
+/// Gain in log-likelihood of one round below which they end. Cost.
+pub(crate) const MIXTURE_SETTLED: f64 = 0.01;
 /// Smallest distance of an outlier from its neighbours, in standard deviations. Two-sided Gaussian tail of
 /// 8e-11: less than 1e-5 expected in 10 minutes at 100 Hz and two channels.
 pub(crate) const OUTLIER_SIGMAS: f64 = 6.5;
