@@ -295,27 +295,14 @@ mod tests {
                 {{ effect = "dead_zone", where = "v", parameter = "width", lower = 0.0, upper = 1.0 }},
                 {{ effect = "input_gain", where = "v", parameter = "factor", lower = 0.2, upper = 2.0 }},
             ]
-            [[effects]]
-            effect = "actuator_lag"
-            where = "u"
-            time_constant_s = 0.05
-            [[effects]]
-            effect = "input_delay"
-            where = "u"
-            delay_s = 0.013
-            [[effects]]
-            effect = "dead_zone"
-            where = "v"
-            width = 0.2
-            [[effects]]
-            effect = "input_gain"
-            where = "v"
-            factor = 0.8
-            [[effects]]
-            effect = "input_delay"
-            where = "v"
-            delay_s = 0.006
-            {more}
+            effects = [
+                {{ effect = "actuator_lag", where = "u", time_constant_s = 0.05 }},
+                {{ effect = "input_delay", where = "u", delay_s = 0.013 }},
+                {{ effect = "dead_zone", where = "v", width = 0.2 }},
+                {{ effect = "input_gain", where = "v", factor = 0.8 }},
+                {{ effect = "input_delay", where = "v", delay_s = 0.006 }},
+                {more}
+            ]
             "#
         );
         Vehicle::parse(&text, "axis.toml").unwrap()
@@ -369,12 +356,30 @@ mod tests {
         }
     }
 
+    /// A delay at the end of its range and of whole steps, and a dead zone of none: there is a difference on one side, or none.
+    #[test]
+    fn derivatives_at_the_ends_of_ranges_are_finite() {
+        let (vehicle, segment) = (axis(""), record());
+        let problem = Problem::new(&vehicle, std::slice::from_ref(&segment), Nuisance::default()).unwrap();
+        for (theta, is_linear) in [
+            ([-9.0, 1.1, 0.1, 0.05, 0.1, 0.2, 0.8], false),
+            ([-9.0, 1.1, 0.1, 0.05, 0.0, 0.2, 0.8], true),
+            ([0.0, 0.5, 1.0, 0.01, 0.013, 0.0, 0.2], true),
+        ] {
+            assert_eq!(Linear::new(&problem, &theta, None).is_some(), is_linear, "{theta:?}");
+            let model = crate::identify::sweep::simulation(&problem, &theta).unwrap();
+            assert!(model.sweep(&segment, &[0.0; 2], &mut |step| {
+                (0..2).for_each(|i| assert!(step.slopes(i).iter().all(|d| d.is_finite()), "{theta:?}"));
+            }));
+        }
+    }
+
     #[test]
     fn what_acts_on_the_motion_or_a_sensor_is_not_linear_behind_the_inputs() {
         let segment = record();
         for more in [
-            "[[effects]]\neffect = 'sensor_lag'\nwhere = 'roll'\ntime_constant_s = 0.1",
-            "[[effects]]\neffect = 'cubic_stiffness'\nwhere = 'roll->roll_rate'\ncoefficient = 1.0",
+            "{ effect = 'sensor_lag', where = 'roll', time_constant_s = 0.1 }",
+            "{ effect = 'cubic_stiffness', where = 'roll->roll_rate', coefficient = 1.0 }",
         ] {
             let problem =
                 Problem::new(&axis(more), std::slice::from_ref(&segment), Nuisance::default()).unwrap();

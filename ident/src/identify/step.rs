@@ -41,7 +41,7 @@ pub enum Drive {
     Behind(Box<InputPaths>, Vec<Moved>),
 }
 
-/// InputPaths on both sides of a parameter on which they depend.
+/// The inputs' paths on both sides of a parameter on which they depend.
 #[derive(Debug, Clone)]
 pub struct Moved {
     input: usize,
@@ -135,11 +135,12 @@ impl LinearStep {
         let (mut motion_slopes, mut sensing_slopes, mut start_slopes) = (Vec::new(), Vec::new(), Vec::new());
         let mut moved = Vec::new();
         for (parameter, place) in problem.parameters.iter().enumerate() {
-            // At a value where the states or the whole steps of delays change, the difference is one-sided.
+            // At a bound, and at a value where the states or the whole steps of delays change, the difference is one-sided.
             let alike = |side: f64| {
-                let mut theta = theta.to_vec();
-                theta[parameter] = side;
-                at(&theta).filter(|(other, _)| model.is_alike(other)).map(|found| (found, side))
+                let mut moved = theta.to_vec();
+                let before = std::mem::replace(&mut moved[parameter], side);
+                let found = if side == before { None } else { at(&moved) };
+                found.filter(|(other, _)| model.is_alike(other)).map(|found| (found, side))
             };
             let [above, below] = parameter_sides(place, theta[parameter]).map(alike);
             let centre = || ((model.clone(), commands.clone()), theta[parameter]);
