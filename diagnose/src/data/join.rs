@@ -114,10 +114,7 @@ impl Channel {
             return;
         }
         let end = self.first + self.values.len() * self.stride;
-        let sample = |step: usize| {
-            let since = step.checked_sub(self.first)?;
-            since.is_multiple_of(self.stride).then_some(since / self.stride)
-        };
+        let sample = |step: usize| self.sample_at(step);
         let is_new = |k: usize| self.good[k] && (k == 0 || self.values[k] != self.values[k - 1]);
         let news = |first: &usize| {
             (*first..end).step_by(stride).filter(|step| sample(*step).is_some_and(is_new)).count()

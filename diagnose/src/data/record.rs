@@ -31,15 +31,20 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// The measured value at a step, if a valid sample lies there.
-    pub fn measured_at(&self, step: usize) -> Option<f64> {
+    /// The sample that lies at a step, measured or not; it may lie beyond the last one.
+    pub fn sample_at(&self, step: usize) -> Option<usize> {
         let since = step.checked_sub(self.first)?;
         // Divided only where there is something to divide: this is asked at every step of every run that follows a record.
-        let (sample, there) = match self.stride {
-            1 => (since, true),
-            stride => (since / stride, since.is_multiple_of(stride)),
-        };
-        (there && *self.good.get(sample)?).then(|| self.values[sample])
+        match self.stride {
+            1 => Some(since),
+            stride => since.is_multiple_of(stride).then(|| since / stride),
+        }
+    }
+
+    /// The measured value at a step, if a valid sample lies there.
+    pub fn measured_at(&self, step: usize) -> Option<f64> {
+        let sample = self.sample_at(step)?;
+        (*self.good.get(sample)?).then(|| self.values[sample])
     }
 
     /// The step of a sample.

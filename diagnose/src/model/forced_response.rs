@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use whirlstand_vehicle::{Place, Vehicle, discretise};
 
-use crate::data::record::{Channel, Data};
+use crate::data::record::Data;
 use crate::model::fit::{Fit, Model};
 use crate::model::free_run::FreeRun;
 
@@ -115,10 +115,6 @@ fn respond(linear: &LinearMotion<'_>, push: &[Lane], forces: &[&[f64]], response
     let mut x = vec![[0.0; LANES]; transition.len()];
     let mut next = x.clone();
     let ranges = data.ranges();
-    let at = |channel: &Channel, k: usize| match (k.checked_sub(channel.first), channel.stride) {
-        (since, 1) => since,
-        (since, stride) => since.filter(|since| since.is_multiple_of(stride)).map(|since| since / stride),
-    };
     let sum = |sum: &mut Lane, terms: &[(usize, f64)], x: &[Lane]| {
         for (j, by) in terms {
             sum.iter_mut().zip(&x[*j]).for_each(|(sum, x)| *sum += by * x);
@@ -129,7 +125,7 @@ fn respond(linear: &LinearMotion<'_>, push: &[Lane], forces: &[&[f64]], response
             x.fill([0.0; LANES]);
         }
         for ((channel, range), shown) in data.channels.iter().zip(&ranges).zip(shown) {
-            if let Some(sample) = at(channel, k).map(|s| range.start + s).filter(|s| *s < range.end) {
+            if let Some(sample) = channel.sample_at(k).map(|s| range.start + s).filter(|s| *s < range.end) {
                 let mut y = [0.0; LANES];
                 sum(&mut y, shown, &x);
                 responses.iter_mut().zip(y).for_each(|(response, y)| response[sample] = y);
@@ -149,6 +145,7 @@ fn respond(linear: &LinearMotion<'_>, push: &[Lane], forces: &[&[f64]], response
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::record::Channel;
     use crate::model::free_run::FreeRun;
     use crate::model::noise::Noise;
     use whirlstand_vehicle::{Effect, Kind, Stream};

@@ -354,10 +354,8 @@ impl<'d> FreeRun<'d> {
                 runner.apply(data.commands(commands.step(j, k, since)));
                 let y = runner.measure();
                 for (channel, range) in data.channels.iter().zip(&ranges).filter(|_| j >= predicted_from) {
-                    let from = j.checked_sub(channel.first).filter(|s| s.is_multiple_of(channel.stride));
-                    if let Some(at) =
-                        from.map(|s| range.start + s / channel.stride).filter(|at| *at < range.end)
-                    {
+                    let sample = channel.sample_at(j).map(|sample| range.start + sample);
+                    if let Some(at) = sample.filter(|at| *at < range.end) {
                         samples[at] = y[channel.output];
                     }
                 }

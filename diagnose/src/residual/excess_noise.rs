@@ -84,28 +84,19 @@ mod tests {
         let n = 3000;
         let push = whirlstand_test_harness::noise(n, 3);
         let noise = whirlstand_test_harness::noise(n, 4);
-        let walk = |per_step: f64| -> Vec<f64> {
-            push.iter()
-                .scan(0.0, |x, p| {
-                    Some({
-                        *x += per_step * p;
-                        *x
-                    })
-                })
-                .collect()
+        let walk = |x: &mut f64, push: &f64| {
+            *x += 0.03 * push;
+            Some(*x)
         };
-        let gust: Vec<f64> = push
-            .iter()
-            .scan((0.0, 0.0), |(force, x), p| {
-                Some({
-                    *force += 0.1 * (p - *force);
-                    *x = 0.98 * *x + 0.05 * *force;
-                    *x
-                })
-            })
-            .collect();
+        let walk: Vec<f64> = push.iter().scan(0.0, walk).collect();
+        let gust = |(force, x): &mut (f64, f64), push: &f64| {
+            *force += 0.1 * (push - *force);
+            *x = 0.98 * *x + 0.05 * *force;
+            Some(*x)
+        };
+        let gust: Vec<f64> = push.iter().scan((0.0, 0.0), gust).collect();
         let slow: Vec<f64> = (0..n).map(|k| 0.1 * (0.1 * k as f64).sin()).collect();
-        for motion in [walk(0.03), gust, slow] {
+        for motion in [walk, gust, slow] {
             let with =
                 |std: f64| -> Vec<f64> { motion.iter().zip(&noise).map(|(x, e)| x + std * e).collect() };
             assert_eq!(beside_a_motion(&with(0.01), &channel(n), 0.01), None);
