@@ -5,7 +5,6 @@ use std::io::{Read, Write};
 use std::net::{TcpStream, UdpSocket};
 use std::path::Path;
 use std::process::Command;
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::support::{HUNG, Running, json, run, spawn};
@@ -14,9 +13,6 @@ use whirlstand_test_harness::{Betaflight, Outcome, betaflight_sitl};
 /// Commands that the manual page prescribes.
 const SETTINGS: [&str; 3] =
     ["aux 0 0 0 1700 2100 0 0", "aux 1 1 1 1700 2100 0 0", "set acc_calibration = 0,0,0,1"];
-
-/// One at a time, because Betaflight has fixed ports.
-static ONE: Mutex<()> = Mutex::new(());
 
 /// Address of the port on which Betaflight answers MSP and its command line.
 const PORT: &str = "127.0.0.1:5761";
@@ -131,7 +127,6 @@ fn with_priority(flight: impl FnOnce() + Send) {
 
 fn betaflight_follows_each_axis_and_holds_the_attitude_against_gusts() -> Outcome {
     let Betaflight { program, flavour } = betaflight_sitl()?;
-    let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     with_priority(|| follows_each_axis(&program, flavour));
     Ok(())
 }
@@ -166,7 +161,6 @@ fn follows_each_axis(program: &Path, flavour: &str) {
 /// The gusts are half as strong as in the example: those would turn the weak vehicle over.
 fn the_mirror_names_what_a_vehicle_under_betaflight_has_lost() -> Outcome {
     let Betaflight { program, flavour } = betaflight_sitl()?;
-    let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     with_priority(|| mirror_names_the_loss(&program, flavour));
     Ok(())
 }
@@ -221,7 +215,8 @@ from_s = 5.0
     println!("{line}");
 }
 
-whirlstand_test_harness::listed!(
+whirlstand_test_harness::listed_one_at_a_time!(
+    "the fixed ports of Betaflight":
     betaflight_follows_each_axis_and_holds_the_attitude_against_gusts,
     the_mirror_names_what_a_vehicle_under_betaflight_has_lost
 );

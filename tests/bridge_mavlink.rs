@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::support::bridged::{Bridged, setpoints, what_the_controller_flew_alone_is_learned_from};
-use crate::support::mavlink::{autopilot, end, free_port, launch, script};
+use crate::support::mavlink::{RATE_HZ, autopilot, end, free_port, launch, script};
 use crate::support::{Running, json, run, spawn, whirlstand};
 use serde_json::Value;
 use whirlstand_test_harness::{Outcome, python};
@@ -19,7 +19,7 @@ fn bench_flown_by_the_autopilot(python: &Path, port: u16, report: &Path, more: &
         r#"
 vehicle = "quadrotor"
 transport = "zenoh"
-rate_hz = 250.0
+rate_hz = {RATE_HZ}.0
 duration_s = 14.0
 [controller]
 law = "lqr"
@@ -106,7 +106,7 @@ fn the_loop_closes_through_real_mavlink_and_rejects_the_gust_as_in_simulation() 
         assert_eq!(seen["faults"], serde_json::json!([]), "{output}");
         assert_eq!(seen["moved_before_armed"], 0, "{output}: {seen}");
         assert!(seen["seen"][message].as_u64() > Some(500), "{output}: {}", seen["seen"]);
-        assert!(seen["requested"]["30"].as_f64() == Some(4000.0), "{}", seen["requested"]);
+        assert!(seen["requested"]["30"].as_f64() == Some(1e6 / f64::from(RATE_HZ)), "{}", seen["requested"]);
         assert!(bridged.stderr.contains("the controller is in charge"), "{}", bridged.stderr);
     }
     Ok(())
@@ -271,7 +271,7 @@ fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() ->
     let bridged = Bridged {
         bridge: "mavlink",
         vehicle: "quadrotor",
-        rate_hz: 100,
+        rate_hz: RATE_HZ,
         duration_s: 1000,
         safety: "stale_s = 1.0",
         link: format!("udpin://127.0.0.1:{port}"),
@@ -284,8 +284,7 @@ fn what_a_pilot_flew_is_not_what_the_vehicle_is_identified_and_diagnosed_by() ->
         ["manual", {"arm": true, "automatic": false, "roll": 1700, "push": 60.0, "frames": 500}],
         ["flown", {"arm": true, "automatic": true, "frames": 1500}],
     ]);
-    let vehicle =
-        spawn(autopilot(&python, port, &report, &["--rate", "100", "--pilot", &phases.to_string()]));
+    let vehicle = spawn(autopilot(&python, port, &report, &["--pilot", &phases.to_string()]));
     let out = dir.path().join("out");
     let out = out.to_str().unwrap();
     let bench = spawn(whirlstand(["run", &launch, "--out", out]));

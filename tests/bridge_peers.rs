@@ -10,7 +10,7 @@ use std::time::Duration;
 use crate::support::bridged::Bridged;
 use crate::support::flight::{Flying, betaflight, fly, free_tcp, free_udp, take_off};
 use crate::support::flood::{Flood, garbage};
-use crate::support::{FAULTS_ALLOWED, Finished, Running, json, run, spawn, whirlstand};
+use crate::support::{FAULTS_ALLOWED, Finished, Running, json, run, spawn, until, whirlstand};
 use whirlstand_test_harness::{Outcome, python};
 
 /// Longest gap between two overrides that the load of the machine can explain, s.
@@ -74,9 +74,7 @@ fn fly_through(place: &Place, keys: &str, vehicle: &[&str], datagrams: Vec<Vec<u
     bench.wait_for_stderr("the controller is in charge");
     let flood = Flood::start(&[place.port], datagrams);
     // Three seconds of the flood, measured by count instead of time.
-    while flood.sent() < FLOOD {
-        std::thread::yield_now();
-    }
+    until("the flood does not go on", || flood.sent() >= FLOOD);
     drop(flood);
     let ended = end(bench);
     vehicle.signal(libc::SIGTERM);

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::support::{json, refused, run, spawn, whirlstand};
+use crate::support::{json, refused, run, spawn, until, whirlstand};
 use serde_json::Value;
 
 const GUSTS: &str = r#"
@@ -195,9 +195,7 @@ fn a_killed_campaign_goes_on_where_it_was_to_the_same_bytes() {
     // Killed as soon as some flights are stored.
     let journal = place.path("cut/flights.jsonl");
     let kept = || std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count());
-    while kept() < 4 && killed.is_alive() {
-        std::thread::yield_now();
-    }
+    until("no flights are kept", || kept() >= 4 || !killed.is_alive());
     killed.signal(libc::SIGKILL);
     killed.finish();
     assert!(kept() >= 4 && !place.path("cut/flights.parquet").exists());
@@ -223,9 +221,8 @@ fn ctrl_c_keeps_what_is_done_and_enough_is_enough() {
     );
     let mut bench = spawn(whirlstand(place.call(&["FILE", "--out", "DIR/cut"])));
     let journal = place.path("cut/flights.jsonl");
-    while std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count()) < 3 && bench.is_alive() {
-        std::thread::yield_now();
-    }
+    let kept = || std::fs::read_to_string(&journal).map_or(0, |text| text.lines().count());
+    until("no flights are kept", || kept() >= 3 || !bench.is_alive());
     bench.signal(libc::SIGINT);
     let ended = bench.finish();
     assert_eq!(ended.code(), 130, "{}", ended.stderr);

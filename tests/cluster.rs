@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::support::{Finished, Running, run, spawn};
+use crate::support::{Finished, Running, run, spawn, until};
 use whirlstand_test_harness::{Missing, Outcome};
 
 /// Longest time for Slurm to start, and for an array of tasks to be flown, on a loaded machine.
@@ -230,10 +230,10 @@ fn a_killed_task_of_hyperqueue_goes_on_and_the_parts_join_to_the_bytes_of_the_wh
 /// Kills the task of part 2 of 3 once it has kept some flights.
 fn kill_second(engine: &mut Running, out: &Path, said: impl Fn() -> String) {
     let mut second = None;
-    while second.is_none() && engine.is_alive() {
+    until("part 2 did not keep a flight", || {
         second = pid_of("2/3", out);
-        std::thread::yield_now();
-    }
+        second.is_some() || !engine.is_alive()
+    });
     kill(second.unwrap_or_else(|| panic!("part 2 was over before it was seen: {}", said())));
 }
 

@@ -1,7 +1,6 @@
 //! The stick on the live page, in a real browser. A separate test program, because a browser that shares the processors
 //! with others occasionally falls silent and thus releases the stick.
 
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use crate::support::HUNG;
@@ -11,9 +10,6 @@ use crate::support::page::{control, live_bench};
 use serde_json::json;
 use tempfile::TempDir;
 use whirlstand_test_harness::{Outcome, browser};
-
-/// One browser at a time.
-static BROWSER: Mutex<()> = Mutex::new(());
 
 /// Simulates a browser's gamepad as seen by its page.
 fn plug_in(page: &mut Page, axes: [f64; 4]) {
@@ -25,7 +21,6 @@ fn plug_in(page: &mut Page, axes: [f64; 4]) {
 /// A gamepad moves the stick, but not within its dead band; unplugging it releases the stick.
 fn a_gamepad_flies_the_bench_until_it_is_unplugged() -> Outcome {
     let browser = browser()?;
-    let _alone = BROWSER.lock().unwrap_or_else(PoisonError::into_inner);
     let dir = TempDir::new().unwrap();
     let (bench, url) = live_bench(&unique("live-gamepad"), dir.path());
     let mut page = Page::open(&browser, &url);
@@ -58,7 +53,6 @@ fn a_gamepad_flies_the_bench_until_it_is_unplugged() -> Outcome {
 /// again.
 fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome {
     let browser = browser()?;
-    let _alone = BROWSER.lock().unwrap_or_else(PoisonError::into_inner);
     let dir = TempDir::new().unwrap();
     let name = unique("live-stick");
     let (bench, url) = live_bench(&name, dir.path());
@@ -121,7 +115,8 @@ fn a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence() -> Outcome 
     Ok(())
 }
 
-whirlstand_test_harness::listed!(
+whirlstand_test_harness::listed_one_at_a_time!(
+    "a browser that holds the stick":
     a_stick_is_taken_over_on_the_page_and_given_back_by_its_silence,
     a_gamepad_flies_the_bench_until_it_is_unplugged
 );

@@ -1,14 +1,13 @@
 //! The mirror with a vehicle behind CRSF: a transmitter module on a pseudo-terminal, with a vehicle behind it.
 
 use crate::support::bridged::setpoints;
-use crate::support::mirrored::{half_of_the_input_is_named, one_at_a_time};
+use crate::support::mirrored::half_of_the_input_is_named;
 use crate::support::radio::Place;
 use crate::support::{json, spawn, whirlstand};
 use serde_json::json as value;
 
 /// CRSF reports only the attitude, rounded, here 50 times a second.
 fn half_of_an_input_that_a_vehicle_behind_crsf_loses_is_named() {
-    let _alone = one_at_a_time();
     let place = Place::new();
     let vehicle = place.vehicle_file("quadrotor", "");
     let launch = place.launch_of(&vehicle, "stale_s = 1.0", &format!("[mirror]\n{}", setpoints()));

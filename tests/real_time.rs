@@ -26,24 +26,23 @@ mod supervisor;
 mod support;
 mod verdict;
 
-// The longest first, so that none is left to run alone at the end. Beside the mirror, which compares a vehicle in real time with
-// its simulation, those that wait most.
+// The longest first, so that none is left to run alone at the end; of those that run one at a time, the sum counts.
 whirlstand_test_harness::suites!(
     whirlstand_test_harness::run_waiting:
     mirror_bridged,
+    mirror_crsf,
     residue,
+    rejection_in_realtime,
+    betaflight,
+    bridge_mavlink,
     bridge_crsf,
+    px4_station,
     bridge_check,
     autopilot_faults,
-    mirror_crsf,
     bridge_verdict,
-    bridge_mavlink,
-    rejection_in_realtime,
-    px4_station,
-    autopilots,
-    betaflight,
-    live,
     live_stick,
+    autopilots,
+    live,
     pages,
     bridge_peers,
     supervisor,

@@ -4,17 +4,17 @@
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
 
 use crate::support::bench::{all_ready, gone, residue, signal, unique};
-use crate::support::{FAULTS_ALLOWED, HUNG, Running, json, run, spawn, whirlstand};
+use crate::support::{FAULTS_ALLOWED, Running, json, run, spawn, until, whirlstand};
 use serde_json::Value;
 use whirlstand_test_harness::{Missing, Outcome};
 
 const NODES: [&str; 4] = ["recorder", "estimator", "controller", "plant"];
 
-whirlstand_test_harness::listed![
+// Every run cleans up, so no other test here may start one while one checks what is left.
+whirlstand_test_harness::listed_one_at_a_time![
+    "what killed benches leave":
     the_next_start_removes_what_five_killed_benches_left,
     clean_lists_then_removes_and_leaves_live_benches_alone,
     keys_of_a_killed_bench_are_listed_and_removed,
@@ -23,12 +23,6 @@ whirlstand_test_harness::listed![
     only_the_user_can_read_what_a_run_creates,
     shared_memory_that_is_full_is_told_of,
 ];
-
-/// Every run cleans up, so no other test may start one while this one checks what is left.
-fn alone() -> MutexGuard<'static, ()> {
-    static ONE: Mutex<()> = Mutex::new(());
-    ONE.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 fn start(name: &str, out: &Path) -> Running {
     let bench = unique(name);
@@ -66,16 +60,7 @@ fn kill_with_all(running: Running) {
     others.into_iter().for_each(gone);
 }
 
-fn until(what: &str, mut holds: impl FnMut() -> bool) {
-    let limit = Instant::now() + HUNG;
-    while !holds() {
-        assert!(Instant::now() < limit, "{what}");
-        std::thread::yield_now();
-    }
-}
-
 fn the_next_start_removes_what_five_killed_benches_left() {
-    let _alone = alone();
     let names = ["killed-1", "killed-2", "killed-3", "killed-4", "killed-5"];
     let left = || names.iter().map(|name| residue(&unique(name)).len()).sum::<usize>();
     let before = left();
@@ -112,7 +97,6 @@ fn listed_undisturbed() -> (Vec<PathBuf>, Value) {
 }
 
 fn clean_lists_then_removes_and_leaves_live_benches_alone() {
-    let _alone = alone();
     kill_all_of(&["dirty"]);
     let dir = tempfile::tempdir().unwrap();
     let mut live = start("alive", dir.path());
@@ -141,7 +125,6 @@ fn clean_lists_then_removes_and_leaves_live_benches_alone() {
 }
 
 fn keys_of_a_killed_bench_are_listed_and_removed() {
-    let _alone = alone();
     let (dir, runtime) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let bench = unique("with-keys");
     let mut command = whirlstand(["run", "quadrotor", "--transport", "zenoh", "--duration", "1000"]);
@@ -220,7 +203,6 @@ fn numbers(path: &Path) -> Vec<i32> {
 }
 
 fn children_of_a_program_go_with_its_node() {
-    let _alone = alone();
     // The program ends when asked to; or it ends before the run does and leaves its child; or it ends only when killed.
     for (asked_to_end, then) in [(ENDS, "wait"), (ENDS, "exit 0"), (STUBBORN, "wait")] {
         let dir = tempfile::tempdir().unwrap();
@@ -235,7 +217,6 @@ fn children_of_a_program_go_with_its_node() {
 }
 
 fn a_program_is_asked_to_end_when_the_launcher_is_killed() {
-    let _alone = alone();
     for asked_to_end in [ENDS, STUBBORN] {
         let dir = tempfile::tempdir().unwrap();
         let (command, path, asked) = with_program(dir.path(), asked_to_end, "wait", "1000");
@@ -264,7 +245,6 @@ fn open_to_others(path: &Path, found: &mut Vec<PathBuf>) {
 }
 
 fn only_the_user_can_read_what_a_run_creates() {
-    let _alone = alone();
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     let bench = unique("modes");
@@ -321,7 +301,6 @@ fn with_shared_memory(size: &str, out: &Path) -> Result<Command, Missing> {
 }
 
 fn shared_memory_that_is_full_is_told_of() -> Outcome {
-    let _alone = alone();
     let dir = tempfile::tempdir().unwrap();
     for size in ["8k", "600k", "1m", "3m", "6m", "10m", "12m"] {
         let end = spawn(with_shared_memory(size, dir.path())?).finish();

@@ -339,7 +339,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--link", required=True, help="as pymavlink has it: udpout:HOST:PORT, tcp:HOST:PORT, /dev/...")
     parser.add_argument("--baud", type=int, default=115200)
-    parser.add_argument("--rate", type=float, default=250.0)
+    parser.add_argument("--rate", type=float, default=100.0)
     parser.add_argument("--boot", type=float, default=100.0, help="age of this autopilot at the start, s")
     parser.add_argument("--arm-after", type=float, default=1.0, help="s after the first override")
     parser.add_argument("--seconds", type=float, default=1e9)

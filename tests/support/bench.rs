@@ -1,9 +1,8 @@
 //! Access to a running bench from outside: its nodes' processes, and the files that it leaves.
 
 use std::path::PathBuf;
-use std::time::Instant;
 
-use super::{HUNG, Running};
+use super::{Running, until};
 
 /// A bench name that is unique among all tests.
 pub fn unique(name: &str) -> String {
@@ -42,15 +41,11 @@ pub fn signal(pid: i32, signal: i32) {
 
 #[track_caller]
 pub fn gone(pid: i32) {
-    let until = Instant::now() + HUNG;
     let alive = || {
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
         stat.rsplit(')').next().and_then(|s| s.split_whitespace().next()).is_some_and(|state| state != "Z")
     };
-    while alive() {
-        assert!(Instant::now() < until, "process {pid} is left behind");
-        std::thread::yield_now();
-    }
+    until(&format!("process {pid} is left behind"), || !alive());
 }
 
 /// Files of the bench in the folders of shared memory, its files, locks and sockets.

@@ -7,6 +7,10 @@ use std::process::Command;
 use super::Running;
 use super::bridged::Bridged;
 
+/// Rate of these links, Hz. At 250 Hz the autopilot, which is a program in Python, takes most of a slow processor, and what
+/// is seen is its lateness.
+pub const RATE_HZ: u32 = 100;
+
 /// A UDP port that no process uses.
 pub fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
@@ -29,7 +33,7 @@ pub fn launch(dir: &Path, port: u16, more: &str) -> PathBuf {
     let bridged = Bridged {
         bridge: "mavlink",
         vehicle: "quadrotor",
-        rate_hz: 250,
+        rate_hz: RATE_HZ,
         duration_s: 6,
         safety: "arm = \"autopilot\"",
         link: format!("udpin://127.0.0.1:{port}"),

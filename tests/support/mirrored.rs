@@ -1,14 +1,6 @@
 //! Flights with a mirror behind a link.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
 use serde_json::Value;
-
-/// One such flight at a time, because the arrival times of messages are measured.
-pub fn one_at_a_time() -> MutexGuard<'static, ()> {
-    static FLIGHT: Mutex<()> = Mutex::new(());
-    FLIGHT.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// Asserts that half of the input is named, and that nothing is named before `earliest_s`. If a busy machine stops a
 /// process, a prediction can be wrong before, without a name.

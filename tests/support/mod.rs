@@ -36,6 +36,20 @@ pub const HUNG: Duration = Duration::from_secs(120);
 pub const FAULTS_ALLOWED: &str = "expect={max_failsafe_share=1, max_disarmed_share=1, max_pilot_share=1, max_failsafe_at_end=1e9, max_refused_commands=1e9, \
                                   max_rejected=1e9, max_restarts=1e9}";
 
+/// Pause between two looks at something whose change no event tells. Looking all the time would take a processor from what
+/// is waited for.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// Looks until `holds` returns true, at most [`HUNG`].
+#[track_caller]
+pub fn until(failure: &str, mut holds: impl FnMut() -> bool) {
+    let limit = Instant::now() + HUNG;
+    while !holds() {
+        assert!(Instant::now() < limit, "{failure}");
+        std::thread::sleep(LOOK);
+    }
+}
+
 /// Result of a finished command.
 #[derive(Debug)]
 pub struct Finished {
@@ -95,18 +109,13 @@ impl Running {
     /// SIGTERM last: bit 14 of the mask of caught signals in proc_pid_status(5).
     #[track_caller]
     pub fn wait_for_handlers(&self) {
-        let until = Instant::now() + HUNG;
-        while Instant::now() < until {
+        until("a process handles no SIGTERM", || {
             let status =
                 std::fs::read_to_string(format!("/proc/{}/status", self.pid())).expect("a running process");
             let caught = status.lines().find_map(|l| l.strip_prefix("SigCgt:")).expect("a mask");
-            if u64::from_str_radix(caught.trim(), 16).expect("hexadecimal") & (1 << (libc::SIGTERM - 1)) != 0
-            {
-                return;
-            }
-            std::thread::yield_now();
-        }
-        panic!("{} handles no SIGTERM", self.pid());
+            let caught = u64::from_str_radix(caught.trim(), 16).expect("hexadecimal");
+            caught & (1 << (libc::SIGTERM - 1)) != 0
+        });
     }
 
     /// Whether the command still runs.

@@ -7,7 +7,7 @@
 //! there too.
 //!
 //! A test that fails while the machine's processors were given to others is repeated, see [`undisturbed`]; one in real time
-//! that fails beside others is repeated alone.
+//! that fails beside others is repeated at the end, alone.
 //!
 //! A test program gets its `main` from [`tests!`](crate::tests), or from [`suites!`](crate::suites) for modules of which
 //! each [lists](crate::listed) its tests: programs that are started anew for every file take longer to link, and the
@@ -20,12 +20,14 @@ mod noise;
 mod prerequisite;
 mod undisturbed;
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
-use beside::beside_others;
+use beside::{Kind, Lanes};
 pub use betaflight::{Betaflight, betaflight_sitl};
 pub use noise::noise;
 pub use prerequisite::{Missing, browser, data, python, python_with};
@@ -41,13 +43,32 @@ pub type Outcome = Result<(), Missing>;
 /// A test and its name.
 pub struct Test {
     name: String,
+    kind: Kind,
     body: Box<dyn Fn() -> Outcome + Send>,
 }
 
 impl Test {
     /// A test that returns nothing or an [`Outcome`].
     pub fn new<R: IntoOutcome>(name: &str, body: impl Fn() -> R + Send + 'static) -> Self {
-        Self { name: name.replace(' ', ""), body: Box::new(move || body().into_outcome()) }
+        Self {
+            name: name.replace(' ', ""),
+            kind: Kind::default(),
+            body: Box::new(move || body().into_outcome()),
+        }
+    }
+
+    /// This test, which uses something that only one test at a time may use; [`run_waiting`] runs others meanwhile.
+    #[must_use]
+    pub fn using(mut self, name: &'static str) -> Self {
+        self.kind = Kind::Using(name);
+        self
+    }
+
+    /// This test, which others disturb so much that [`run_waiting`] runs it alone, at the end.
+    #[must_use]
+    pub fn alone(mut self) -> Self {
+        self.kind = Kind::Alone;
+        self
     }
 
     /// This test, named after the module in which it is.
@@ -82,39 +103,56 @@ impl IntoOutcome for Outcome {
 /// Runs the tests that the command line selects: one more at a time than there are processors, because the processes of a
 /// bench wait for each other for a fifth of their time.
 pub fn run(tests: Vec<Test>) -> ExitCode {
-    run_with(tests, processors() + 1, |test| test())
+    let mut arguments = Arguments::from_args();
+    arguments.test_threads.get_or_insert(processors() + 1);
+    run_with(&arguments, tests, |_, _, test| undisturbed(test))
 }
 
 /// Runs tests that wait for most of their time, for a flight in real time or a time limit to end: twice as many at a time
-/// as there are processors. What fails beside others is run again alone.
+/// as there are processors. What fails beside others is run again at the end, alone.
 pub fn run_waiting(tests: Vec<Test>) -> ExitCode {
-    run_with(tests, 2 * processors(), |test| beside_others(test))
+    let mut arguments = Arguments::from_args();
+    let lanes = Lanes::new(arguments.test_threads.unwrap_or(2 * processors()), wait_for_rest);
+    // Every test has a thread, in which it waits for its lane.
+    arguments.test_threads = Some(tests.len());
+    run_with(&arguments, tests, move |place, kind, test| undisturbed(|| lanes.run((place, kind), test)))
 }
 
 fn processors() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Runs this many tests at a time, unless the command line says otherwise, each by `how`.
-fn run_with(tests: Vec<Test>, at_a_time: usize, how: fn(&dyn Fn() -> Outcome) -> Outcome) -> ExitCode {
-    let mut arguments = Arguments::from_args();
-    arguments.test_threads.get_or_insert(at_a_time);
+/// Runs each test by `how`, which gets its place in the list and its kind.
+fn run_with(
+    arguments: &Arguments,
+    tests: Vec<Test>,
+    how: impl Fn(usize, Kind, &dyn Fn() -> Outcome) -> Outcome + Send + Sync + 'static,
+) -> ExitCode {
     let in_ci = std::env::var_os("CI").is_some_and(|value| !value.is_empty());
+    let how = Arc::new(how);
     let trials = tests
         .into_iter()
-        .map(|Test { name, body }| {
+        .enumerate()
+        .map(|(place, Test { name, kind, body })| {
+            let how = how.clone();
             Trial::ignorable_test(name.clone(), move || {
-                let begun = Instant::now();
-                let outcome = undisturbed(|| how(&body));
-                let took = begun.elapsed();
-                if took > LONG {
-                    println!("{name} took {:.0} s", took.as_secs_f64());
-                }
-                judged(outcome, in_ci)
+                judged(how(place, kind, &|| told_if_long(&name, &body)), in_ci)
             })
         })
         .collect();
-    libtest_mimic::run(&arguments, trials).exit_code()
+    libtest_mimic::run(arguments, trials).exit_code()
+}
+
+/// Runs a test once, and says so if it took [`LONG`].
+fn told_if_long(name: &str, body: &dyn Fn() -> Outcome) -> Outcome {
+    let begun = Instant::now();
+    let ended = catch_unwind(AssertUnwindSafe(body));
+    let took = begun.elapsed();
+    if took > LONG {
+        let failed = if ended.is_err() { " and failed" } else { "" };
+        println!("{name} took {:.0} s{failed}", took.as_secs_f64());
+    }
+    ended.unwrap_or_else(|failure| resume_unwind(failure))
 }
 
 fn judged(outcome: Outcome, in_ci: bool) -> Result<Completion, Failed> {
@@ -143,6 +181,26 @@ macro_rules! listed {
     ($($test:path),+ $(,)?) => {
         pub fn tests() -> Vec<$crate::Test> {
             vec![$($crate::Test::new(stringify!($test), $test)),+]
+        }
+    };
+}
+
+/// The tests of a module which all use what only one test at a time may use, for [`suites!`](crate::suites).
+#[macro_export]
+macro_rules! listed_one_at_a_time {
+    ($uses:literal: $($test:path),+ $(,)?) => {
+        pub fn tests() -> Vec<$crate::Test> {
+            vec![$($crate::Test::new(stringify!($test), $test).using($uses)),+]
+        }
+    };
+}
+
+/// The tests of a module which others disturb so much that they run alone, for [`suites!`](crate::suites).
+#[macro_export]
+macro_rules! listed_alone {
+    ($($test:path),+ $(,)?) => {
+        pub fn tests() -> Vec<$crate::Test> {
+            vec![$($crate::Test::new(stringify!($test), $test).alone()),+]
         }
     };
 }
