@@ -16,7 +16,7 @@ const LONGEST: Duration = Duration::from_secs(240);
 
 const CAMPAIGN: &str = r#"
 launch = "quadrotor"
-flights = 4500
+flights = 1500
 method = "sobol"
 seed = 3
 set = ["duration_s=60"]

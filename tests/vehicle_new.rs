@@ -207,7 +207,7 @@ fn what_a_draft_knows_of_its_log_is_kept() -> Outcome {
     for vehicle in [vehicle, path("fitted.toml")] {
         let (found, out) = (path("diagnosis.json"), path("out"));
         let call = ["diagnose", &log, "--vehicle", &vehicle, "--json", &found, "--out", &out];
-        run(call.into_iter().chain(["--from", "10", "--to", "30"])).success();
+        run(call.into_iter().chain(["--from", "10", "--to", "20"])).success();
         let found = json(&found);
         let period_s = |answer: &Value| answer["period_s"].as_f64().unwrap();
         assert!((period_s(&found) - period_s(draft)).abs() < 1e-6, "{vehicle}: {}", found["period_s"]);
