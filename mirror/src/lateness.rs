@@ -51,13 +51,18 @@ pub(crate) struct Lateness {
     estimator: MeasurementAge,
     period_s: f64,
     age_s: f64,
-    /// Expected outputs after the last steps, the newest first; `filled` rows are valid.
+    /// Expected outputs after the last steps, a ring of which `filled` rows are valid.
     rows: [Vec<f64>; ROWS],
     filled: usize,
+    newest: usize,
     /// Inputs that led to the expected outputs.
     inputs: [Vec<f64>; ROWS],
     expected: Vec<f64>,
     slope: Vec<f64>,
+    /// Rows of the inputs that changed about when the measurements were taken: each now, and before.
+    changes: [[usize; 2]; 2],
+    /// What a correction of the states changes in the outputs.
+    correction: Vec<f64>,
     /// Input and output matrices of the vehicle's own states.
     b: DMatrix<f64>,
     c: DMatrix<f64>,
@@ -86,9 +91,12 @@ impl Lateness {
             age_s: FIRST_AGE * period_s,
             rows: std::array::from_fn(|_| vec![0.0; outputs]),
             filled: 0,
+            newest: 0,
             inputs: std::array::from_fn(|_| vec![0.0; b.ncols()]),
             expected: vec![0.0; outputs],
             slope: vec![0.0; outputs],
+            changes: [[0; 2]; 2],
+            correction: vec![0.0; outputs],
             b: b.clone(),
             c: c.clone(),
             shaken,
@@ -138,34 +146,34 @@ impl Lateness {
     /// Stores the inputs of a step and the outputs that are expected at its end. Returns the outputs that are
     /// expected for the measurements that are available now.
     pub fn expect(&mut self, u: &[f64], end: &[f64]) -> &[f64] {
-        self.rows.rotate_right(1);
-        self.inputs.rotate_right(1);
-        self.rows[0].copy_from_slice(end);
-        self.inputs[0].copy_from_slice(u);
+        self.newest = (self.newest + 1) % ROWS;
+        self.rows[self.newest].copy_from_slice(end);
+        self.inputs[self.newest].copy_from_slice(u);
         self.filled = (self.filled + 1).min(ROWS);
         let steps = self.age_s / self.period_s;
         // Until enough rows are stored, the outputs are extrapolated backwards along the oldest slope.
         let whole = (steps.max(0.0) as usize).min(self.filled.saturating_sub(2));
         let share = steps - whole as f64;
         let before = (whole + 1).min(self.filled - 1);
-        let both = self.rows[whole].iter().zip(&self.rows[before]);
+        let row = |steps_ago: usize| (self.newest + ROWS - steps_ago) % ROWS;
+        let both = self.rows[row(whole)].iter().zip(&self.rows[row(before)]);
         for ((expected, slope), (late, earlier)) in self.expected.iter_mut().zip(&mut self.slope).zip(both) {
             *expected = late + share * (earlier - late);
             *slope = (late - earlier) / self.period_s;
         }
         // Include the input change before the measurements were taken and the next one, which may have acted
         // already.
-        self.uncertain([[whole, before], [whole.saturating_sub(1), whole]]);
+        self.changes = [[whole, before], [whole.saturating_sub(1), whole]].map(|pair| pair.map(row));
         &self.expected
     }
 
     /// Computes the uncertainty of the measurements and of the states at their time, since the inputs changed
     /// somewhat earlier or later than expected.
-    fn uncertain(&mut self, changes: [[usize; 2]; 2]) {
+    fn uncertain(&mut self) {
         let jitter_s = jitter_s(self.period_s);
         self.pushes.fill(0.0);
         let count = self.pushes.len() / 2;
-        for (push, [now, before]) in self.pushes.chunks_exact_mut(count).zip(changes) {
+        for (push, [now, before]) in self.pushes.chunks_exact_mut(count).zip(self.changes) {
             for ((now, before), b) in
                 self.inputs[now].iter().zip(&self.inputs[before]).zip(self.b.column_iter())
             {
@@ -188,6 +196,7 @@ impl Lateness {
         errors: &mut [f64],
     ) {
         if gains.is_empty() {
+            self.uncertain();
             filter.step_uncertain(residual, fresh, (&self.pushes, &self.more));
         } else {
             filter.step_by(residual, fresh, gains);
@@ -197,10 +206,12 @@ impl Lateness {
         self.age_s += change;
         errors.iter_mut().zip(self.estimator.change()).for_each(|(e, change)| *e += change);
         // The error found in the states also corrects the expected outputs of earlier steps.
-        for (error, c) in errors.iter().zip(self.c.column_iter()) {
-            for row in &mut self.rows {
-                row.iter_mut().zip(c.iter()).for_each(|(y, c)| *y += c * error);
-            }
+        self.correction.fill(0.0);
+        for (error, c) in errors.iter().zip(self.c.as_slice().chunks_exact(self.correction.len())) {
+            self.correction.iter_mut().zip(c).for_each(|(y, c)| *y += c * error);
+        }
+        for row in &mut self.rows {
+            row.iter_mut().zip(&self.correction).for_each(|(y, change)| *y += change);
         }
     }
 
