@@ -31,7 +31,8 @@ use beside::{Kind, Lanes};
 pub use betaflight::{Betaflight, betaflight_sitl};
 pub use noise::noise;
 pub use prerequisite::{Missing, browser, data, python, python_with};
-pub use undisturbed::{in_real_time, undisturbed, wait_for_rest};
+pub use undisturbed::in_real_time;
+use undisturbed::{undisturbed, wait_for_rest};
 
 /// Tests that take longer are told with their time: they decide how long the whole suite takes.
 const LONG: Duration = Duration::from_secs(5);

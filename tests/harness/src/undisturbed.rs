@@ -20,8 +20,7 @@ const LOOK: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Runs a test of real-time figures. If it fails while the host takes the processors away, this machine cannot decide:
-/// the result is [`Missing`], and the test is reported as ignored. Use it only for figures of real time, after the
-/// flights have [waited for an idle host](wait_for_rest).
+/// the result is [`Missing`], and the test is reported as ignored. Use it only for figures of real time.
 ///
 /// # Errors
 /// The test failed while others used the processors.
