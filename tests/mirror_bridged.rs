@@ -82,8 +82,11 @@ fn a_vehicle_is_blamed_for_nothing_until_it_loses_half_of_an_input_which_is_name
     let earliest_s = ONSET_S - 10.0;
     half_of_the_input_is_named(findings, earliest_s, &said);
     // If a busy machine stops a process for some periods, the link stalls, and the prediction is wrong then.
-    let stalls = findings.iter().filter(|f| f["at_s"].as_f64().unwrap() < earliest_s).count();
-    assert!(stalls <= 2, "{findings:?}\n{said}");
+    let stalls = findings.iter().filter(|f| {
+        let (at_s, text) = (f["at_s"].as_f64().unwrap(), f["text"].as_str().unwrap());
+        at_s < earliest_s && text.ends_with("looking for the cause")
+    });
+    assert!(stalls.count() <= 2, "{findings:?}\n{said}");
     Ok(())
 }
 
