@@ -47,5 +47,48 @@ fn bench(c: &mut Criterion) {
     run("8 states, coulomb_friction", &with(Kind::CoulombFriction, "roll_rate", &[("level", 0.1)]), false);
 }
 
-criterion_group!(benches, bench);
+/// Whole records at once, as diagnosis simulates them by the thousand.
+fn records(c: &mut Criterion) {
+    let mut group = c.benchmark_group("record");
+    let steps = 6000;
+    group.throughput(Throughput::Elements(steps));
+    let hover = Vehicle::builtin("helicopter-hover").expect("built in");
+    let (m, p) = (hover.inputs.len(), hover.outputs.len());
+    let inputs: Vec<f64> = (0..steps as usize * m).map(|at| if at & 128 == 0 { 0.1 } else { -0.1 }).collect();
+    let mut outputs = vec![0.0; steps as usize * p];
+    let mut run = |name: &str, effects: &[(Kind, &str, &[(&str, f64)])]| {
+        let mut vehicle = hover.clone();
+        for (kind, place, parameters) in effects {
+            vehicle.add_effect(Effect::new(*kind, place, parameters).expect("valid")).expect("fits");
+        }
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                let mut simulator = Simulator::expected(&vehicle, 0.01).expect("a valid vehicle");
+                simulator.run(black_box(&inputs), &mut outputs);
+                black_box(outputs[0])
+            });
+        });
+    };
+    let cubic: (Kind, &str, &[(&str, f64)]) =
+        (Kind::CubicStiffness, "lateral_speed->lateral_speed", &[("coefficient", 0.01)]);
+    run("no effect", &[]);
+    run("input_gain", &[(Kind::InputGain, "u_roll", &[("factor", 0.9)])]);
+    run("actuator_lag", &[(Kind::ActuatorLag, "u_roll", &[("time_constant_s", 0.05)])]);
+    run("sensor_delay", &[(Kind::SensorDelay, "roll_rate", &[("delay_s", 0.033)])]);
+    let pulse: (Kind, &str, &[(&str, f64)]) =
+        (Kind::PulseDisturbance, "roll_rate", &[("at_s", 20.004), ("duration_s", 1.0), ("magnitude", 0.1)]);
+    run("pulse_disturbance", &[pulse]);
+    run("cubic_stiffness", &[cubic]);
+    run("quadratic_drag", &[(Kind::QuadraticDrag, "lateral_speed", &[("coefficient", 0.1)])]);
+    run("cubic_stiffness, pulse_disturbance", &[cubic, pulse]);
+    let sine: (Kind, &str, &[(&str, f64)]) = (
+        Kind::PeriodicDisturbance,
+        "roll_rate",
+        &[("frequency_hz", 8.0), ("amplitude", 0.1), ("phase_rad", 0.0)],
+    );
+    run("periodic_disturbance", &[sine]);
+    run("cubic_stiffness, periodic_disturbance", &[cubic, sine]);
+}
+
+criterion_group!(benches, bench, records);
 criterion_main!(benches);

@@ -34,13 +34,27 @@ pub fn discretise(
     b: &DMatrix<f64>,
     period_s: f64,
 ) -> Result<(DMatrix<f64>, DMatrix<f64>), DiscretiseError> {
+    discretise_halves(a, b, period_s, 1)?.pop().ok_or(DiscretiseError::NotFinite)
+}
+
+/// The same as [`discretise`] over the period, its half, its quarter and so on, `count` of them.
+///
+/// # Errors
+/// As [`discretise`].
+pub fn discretise_halves(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    period_s: f64,
+    count: u32,
+) -> Result<Vec<(DMatrix<f64>, DMatrix<f64>)>, DiscretiseError> {
     let n = a.nrows();
     if a.ncols() != n || b.nrows() != n {
         return Err(DiscretiseError::Shape);
     }
     check_norm(a, period_s)?;
-    let (phi, gamma) = Balanced::new(a, period_s).transition_and_input(b);
-    Ok((finite(phi)?, finite(gamma)?))
+    let halvings = count.saturating_sub(1);
+    let steps = Balanced::with_halves(a, period_s, halvings).transitions_and_inputs(b, count);
+    steps.into_iter().map(|(phi, gamma)| Ok((finite(phi)?, finite(gamma)?))).collect()
 }
 
 /// The Gramian of a finite horizon, the integral of exp(A t) W exp(A' t) over t from 0 to `horizon_s`, n x n and

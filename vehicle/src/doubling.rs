@@ -31,10 +31,15 @@ pub struct Balanced {
 impl Balanced {
     /// Prepares `a`, n x n, over `length_s`; the 1-norm of their product must be finite.
     pub fn new(a: &DMatrix<f64>, length_s: f64) -> Self {
+        Self::with_halves(a, length_s, 0)
+    }
+
+    /// The same with a short step that is at most the length halved this many times.
+    pub fn with_halves(a: &DMatrix<f64>, length_s: f64, halvings: u32) -> Self {
         let units: Vec<f64> = balancing_exponents(a).iter().map(|e| f64::powi(2.0, *e)).collect();
         let x = DMatrix::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * length_s * (units[j] / units[i]));
         let norm = x.column_iter().map(|c| c.lp_norm(1)).fold(0.0, f64::max);
-        let doublings = (norm / SHORT).log2().ceil().max(0.0) as u32;
+        let doublings = ((norm / SHORT).log2().ceil().max(0.0) as u32).max(halvings);
         let share = f64::powi(0.5, doublings as i32);
         Self { x: x * share, short_s: length_s * share, doublings, units }
     }
@@ -51,21 +56,32 @@ impl Balanced {
         sum
     }
 
-    /// exp(A t) at the end, n x n, and the integral of exp(A t) B, n x m for `b` of that size.
-    pub fn transition_and_input(&self, b: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+    /// exp(A t) at the end, n x n, and the integral of exp(A t) B, n x m for `b` of that size: over the whole length, then over
+    /// its half, its quarter and so on for the first `count` of them, not beyond the short step.
+    pub fn transitions_and_inputs(&self, b: &DMatrix<f64>, count: u32) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
+        let n = self.x.nrows();
+        let in_units = |moved: &DMatrix<f64>, gamma: &DMatrix<f64>| {
+            let phi = DMatrix::from_fn(n, n, |i, j| {
+                f64::from(u8::from(i == j)) + moved[(i, j)] * (self.units[i] / self.units[j])
+            });
+            (phi, DMatrix::from_fn(n, b.ncols(), |i, j| gamma[(i, j)] * self.units[i]))
+        };
         let mean = self.mean_transition();
         let mut moved = &self.x * &mean;
         let mut gamma =
             mean * DMatrix::from_fn(b.nrows(), b.ncols(), |i, j| b[(i, j)] / self.units[i]) * self.short_s;
-        for _ in 0..self.doublings {
-            gamma = &gamma * 2.0 + &moved * &gamma;
-            moved = &moved * 2.0 + &moved * &moved;
+        let mut all = Vec::new();
+        for left in (0..=self.doublings).rev() {
+            if left < count {
+                all.push(in_units(&moved, &gamma));
+            }
+            if left > 0 {
+                gamma = &gamma * 2.0 + &moved * &gamma;
+                moved = &moved * 2.0 + &moved * &moved;
+            }
         }
-        let n = moved.nrows();
-        let phi = DMatrix::from_fn(n, n, |i, j| {
-            f64::from(u8::from(i == j)) + moved[(i, j)] * (self.units[i] / self.units[j])
-        });
-        (phi, DMatrix::from_fn(n, b.ncols(), |i, j| gamma[(i, j)] * self.units[i]))
+        all.reverse();
+        all
     }
 
     /// The integral of exp(A t) W exp(A' t), n x n and symmetric, for `w` of that size.

@@ -1,6 +1,7 @@
 //! Disturbances of the states' derivatives: steps, pulses, sines, turbulence, and external ones.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use super::compile::Oscillator;
 use super::inputs::split;
@@ -121,6 +122,18 @@ impl Disturbances {
     /// disturbance.
     pub fn are_none(&self) -> bool {
         self.pulses.is_empty() && self.turbulence.is_empty() && self.is_calm
+    }
+
+    /// True when no disturbance begins or ends in these steps but at the beginning of the first.
+    pub fn are_steady(&self, steps: &Range<u64>) -> bool {
+        let edges = self.pulses.iter().flat_map(|pulse| [pulse.from, pulse.until]);
+        let changes = |edge: Moment| steps.contains(&edge.0) && edge != (steps.start, 0.0);
+        self.turbulence.is_empty() && !edges.into_iter().any(changes)
+    }
+
+    /// True when there are sines, which are states of the simulator.
+    pub fn have_oscillators(&self) -> bool {
+        !self.oscillators.is_empty()
     }
 
     /// The constant part over the substep that begins at this offset.

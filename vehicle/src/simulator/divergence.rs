@@ -8,6 +8,19 @@ pub fn held(value: f64) -> f64 {
     if value.is_nan() { 0.0 } else { value.clamp(-LARGEST, LARGEST) }
 }
 
+/// Holds the entries that are beyond all bounds; `lost` becomes the first of them, unless one was lost before.
+#[inline(always)]
+pub fn hold(z: &mut [f64], lost: &mut Option<usize>) {
+    // NaN is beyond any bound.
+    let beyond = |v: &f64| v.is_nan() || v.abs() > LARGEST;
+    if z.iter().fold(false, |any, v| any | beyond(v)) {
+        for (i, value) in z.iter_mut().enumerate().filter(|(_, v)| beyond(v)) {
+            lost.get_or_insert(i);
+            *value = held(*value);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use crate::model::Vehicle;

@@ -1,6 +1,8 @@
 //! Dynamics of a vehicle with effects on its motion: static effects of inputs, substeps of a period,
 //! nonlinear parts.
 
+use std::ops::Range;
+
 use whirlstand_linalg::spectral_radius;
 
 use super::combinations::Combinations;
@@ -8,11 +10,20 @@ use super::disturbances::Disturbances;
 use super::inputs::{Chain, Delay};
 use super::kernel::{Kernel, State};
 use super::nonlinear::{Nonlinear, Work};
-use super::schedule;
+use super::rows::{BLOCK, Rows};
+use super::schedule::{self, Substep};
 use super::sensors::Sensors;
 use super::settings::Settings;
 use crate::effects::{Effect, Place};
 use crate::error::SimulatorError;
+
+/// How the states flow over a step.
+pub enum Flows<'s> {
+    /// At once: by the inputs at its end, then those that change within it as they were before.
+    Whole(&'s Kernel),
+    /// Substep by substep.
+    Parts(&'s [Substep]),
+}
 
 /// Dynamics of a vehicle whose effects need more than one matrix product.
 #[derive(Debug, Clone)]
@@ -87,6 +98,64 @@ impl Extended {
         let direct = self.chains.iter().all(Chain::is_empty) && self.delays.iter().all(Delay::is_none);
         let one = direct && self.nonlinear.is_none() && self.settings.is_one();
         if one { self.settings.now().schedule.one_kernel() } else { None }
+    }
+
+    /// True when all these steps are the same flow of the states, whatever the inputs: in the linear part a product with one
+    /// kernel, or with one for each substep within which nothing changes.
+    pub fn is_steady(&mut self, steps: &Range<u64>, disturbances: &Disturbances, forced: bool) -> bool {
+        if self.has_windows() || !disturbances.are_steady(steps) {
+            return false;
+        }
+        if !self.settings.schedule().is_steady(steps) {
+            return false;
+        }
+        let pushed = forced || !disturbances.are_none();
+        match self.settings.schedule().whole(steps.start) {
+            Some(_) => !pushed,
+            None => self.delays.iter().all(|delay| delay.fraction_s == 0.0),
+        }
+    }
+
+    /// The one kernel of steady steps, or their substeps; and the nonlinear part.
+    pub fn flows(&mut self, step: u64) -> (Flows<'_>, Option<&mut Nonlinear>) {
+        let schedule = self.settings.schedule();
+        let flows = if schedule.whole(step).is_some() {
+            schedule.whole(step).map_or(Flows::Parts(&[]), Flows::Whole)
+        } else {
+            Flows::Parts(schedule.substeps(step))
+        };
+        (flows, self.nonlinear.as_mut())
+    }
+
+    /// Number of inputs of a period that is one matrix product, those before their changes included.
+    pub fn period_inputs(&self) -> usize {
+        self.chains.len() + self.delays.iter().filter(|delay| delay.fraction_s > 0.0).count()
+    }
+
+    /// Takes the commands of an input over the steps of a block, as [`Self::command`] those of all inputs.
+    #[inline(always)]
+    pub fn put_inputs(
+        &mut self,
+        input: usize,
+        first: u64,
+        mut next: impl FnMut(usize) -> f64,
+        rows: &mut Rows,
+    ) {
+        let before = self.delays[..input].iter().filter(|delay| delay.fraction_s > 0.0).count();
+        let before = self.chains.len() + before;
+        let (chain, delay) = (&mut self.chains[input], &mut self.delays[input]);
+        let changes = delay.fraction_s > 0.0;
+        for row in 0..rows.length {
+            let t = ((first + row as u64) as f64 + 0.5) * self.period_s;
+            delay.push(chain.next(next(row), t));
+            let (older, newer) = (delay.older(), delay.newer());
+            let period = &mut rows.periods[row * rows.width..][..rows.width];
+            period[input] = newer;
+            if changes {
+                period[before] = older;
+            }
+            rows.inputs[input * BLOCK + row] = if changes { older } else { newer };
+        }
     }
 
     /// Sets the resting inputs, and filters to their steady state.

@@ -19,6 +19,9 @@ pub trait State: Clone + AsRef<[f64]> + AsMut<[f64]> {
     /// Replaces the state x by Phi x + Gamma u. `u` may be shorter than Gamma is wide: the rest is zero.
     /// `scratch` has the length of the state; its content is arbitrary.
     fn flow(&mut self, kernel: &Kernel, u: &[f64], scratch: &mut Self);
+
+    /// Adds a column of Phi, times `by`.
+    fn add(&mut self, kernel: &Kernel, column: usize, by: f64);
 }
 
 impl<const N: usize> State for [f64; N] {
@@ -26,12 +29,22 @@ impl<const N: usize> State for [f64; N] {
     fn flow(&mut self, kernel: &Kernel, u: &[f64], _: &mut Self) {
         *self = kernel.fixed(self, u);
     }
+
+    #[inline(always)]
+    fn add(&mut self, kernel: &Kernel, column: usize, by: f64) {
+        axpy(self, &kernel.columns.as_chunks::<N>().0[column], by);
+    }
 }
 
 impl State for Vec<f64> {
     #[inline]
     fn flow(&mut self, kernel: &Kernel, u: &[f64], scratch: &mut Self) {
         kernel.advance(self, u, scratch);
+    }
+
+    #[inline]
+    fn add(&mut self, kernel: &Kernel, column: usize, by: f64) {
+        axpy(self, &kernel.columns[column * kernel.n..][..kernel.n], by);
     }
 }
 
@@ -87,12 +100,31 @@ impl Kernel {
         }
     }
 
+    /// Phi x + Gamma u as [`State::flow`], where `others` are columns of Gamma after those of `u`, ascending, and what they are
+    /// multiplied with.
+    #[inline(always)]
+    pub fn fixed_with<const N: usize>(&self, x: &[f64; N], u: &[f64], others: &[(usize, f64)]) -> [f64; N] {
+        let mut sum = self.fixed(x, u);
+        let gamma = &self.columns.as_chunks::<N>().0[self.states..];
+        for (column, value) in others {
+            axpy(&mut sum, &gamma[*column], *value);
+        }
+        sum
+    }
+
     #[inline(always)]
     fn fixed<const N: usize>(&self, x: &[f64; N], u: &[f64]) -> [f64; N] {
         let (phi, gamma) = self.columns.as_chunks::<N>().0.split_at(self.states);
         let mut sum = [0.0; N];
-        for (column, &value) in phi.iter().zip(x) {
-            axpy(&mut sum, column, value);
+        // Loops, not closures: these would be compiled on their own, without the vector registers of their callers.
+        if let Some(phi) = phi.first_chunk::<N>() {
+            for (column, &value) in phi.iter().zip(x) {
+                axpy(&mut sum, column, value);
+            }
+        } else {
+            for (column, &value) in phi.iter().zip(x) {
+                axpy(&mut sum, column, value);
+            }
         }
         for (column, &value) in gamma.iter().zip(u) {
             if value != 0.0 {
@@ -110,6 +142,20 @@ impl Kernel {
     /// Entry of Phi, or of Gamma in the columns after it.
     pub fn entry(&self, row: usize, column: usize) -> f64 {
         self.columns[column * self.n + row]
+    }
+
+    /// One state of Phi x + Gamma u; `u` as for [`State::flow`].
+    #[inline(always)]
+    pub fn row(&self, row: usize, x: &[f64], u: &[f64]) -> f64 {
+        let (mut of_state, mut of_inputs) = (0.0, 0.0);
+        let (phi, gamma) = self.columns.split_at(self.states * self.n);
+        for (column, x) in phi.chunks_exact(self.n).zip(x) {
+            of_state += column[row] * x;
+        }
+        for (column, u) in gamma.chunks_exact(self.n).zip(u) {
+            of_inputs += column[row] * u;
+        }
+        of_state + of_inputs
     }
 
     /// Number of columns of Phi and Gamma.

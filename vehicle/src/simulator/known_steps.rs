@@ -2,11 +2,12 @@
 //! size or a time that the matrices of a step do not depend on: their exponentials were a sixth of its time.
 
 use std::cell::RefCell;
+use std::sync::Arc;
 
 use nalgebra::DMatrix;
 
 use super::kernel::Kernel;
-use crate::discretise::{DiscretiseError, discretise};
+use crate::discretise::{DiscretiseError, discretise_halves};
 
 /// Cached steps per thread: those of every entry of a vehicle of eight states and two inputs, and of a dozen
 /// effects with their halves.
@@ -16,7 +17,7 @@ struct Known {
     a: DMatrix<f64>,
     inputs: DMatrix<f64>,
     length_s: f64,
-    kernel: Kernel,
+    kernels: Arc<[Kernel]>,
 }
 
 thread_local! {
@@ -24,22 +25,29 @@ thread_local! {
     static KNOWN: RefCell<Vec<Known>> = const { RefCell::new(Vec::new()) };
 }
 
-/// The discretisation of dx/dt = A x + B v over a length, v held.
+/// The discretisations of dx/dt = A x + B v, v held, over a length, its half, its quarter and so on, `count` of them.
 ///
 /// # Errors
-/// As [`discretise`].
-pub fn kernel(a: &DMatrix<f64>, inputs: &DMatrix<f64>, length_s: f64) -> Result<Kernel, DiscretiseError> {
+/// As [`discretise_halves`].
+pub fn kernels(
+    a: &DMatrix<f64>,
+    inputs: &DMatrix<f64>,
+    length_s: f64,
+    count: usize,
+) -> Result<Arc<[Kernel]>, DiscretiseError> {
     KNOWN.with_borrow_mut(|known| {
-        let same = |k: &Known| k.length_s == length_s && k.a == *a && k.inputs == *inputs;
+        let same = |k: &Known| {
+            k.length_s == length_s && k.kernels.len() == count && k.a == *a && k.inputs == *inputs
+        };
         if let Some(at) = known.iter().position(same) {
             known[..=at].rotate_right(1);
         } else {
-            let (phi, gamma) = discretise(a, inputs, length_s)?;
-            let kernel = Kernel::new(&phi, &gamma);
+            let steps = discretise_halves(a, inputs, length_s, count as u32)?;
+            let kernels = steps.iter().map(|(phi, gamma)| Kernel::new(phi, gamma)).collect();
             known.truncate(REMEMBERED - 1);
-            known.insert(0, Known { a: a.clone(), inputs: inputs.clone(), length_s, kernel });
+            known.insert(0, Known { a: a.clone(), inputs: inputs.clone(), length_s, kernels });
         }
-        Ok(known[0].kernel.clone())
+        Ok(Arc::clone(&known[0].kernels))
     })
 }
 
@@ -54,10 +62,11 @@ mod tests {
         for round in 0..3 {
             for i in 0..REMEMBERED + 5 {
                 let length_s = 0.01 * (1 + round) as f64;
-                let (phi, gamma) = discretise(&plant(i), &inputs, length_s).unwrap();
-                let solved = format!("{:?}", Kernel::new(&phi, &gamma));
+                let steps = discretise_halves(&plant(i), &inputs, length_s, 3).unwrap();
+                let steps: Vec<Kernel> = steps.iter().map(|(phi, gamma)| Kernel::new(phi, gamma)).collect();
                 for _ in 0..2 {
-                    assert_eq!(format!("{:?}", kernel(&plant(i), &inputs, length_s).unwrap()), solved);
+                    let known = kernels(&plant(i), &inputs, length_s, 3).unwrap();
+                    assert_eq!(format!("{known:?}"), format!("{steps:?}"));
                 }
             }
         }
@@ -68,8 +77,8 @@ mod tests {
     fn what_has_no_step_is_not_remembered() {
         let one = DMatrix::from_element(1, 1, 1.0);
         for _ in 0..2 {
-            assert!(kernel(&DMatrix::from_element(1, 1, f64::NAN), &one, 0.01).is_err());
-            assert!(kernel(&one, &one, 0.01).is_ok());
+            assert!(kernels(&DMatrix::from_element(1, 1, f64::NAN), &one, 0.01, 2).is_err());
+            assert!(kernels(&one, &one, 0.01, 2).is_ok());
         }
     }
 }

@@ -40,6 +40,7 @@ mod schedule;
 mod sensor;
 mod sensors;
 mod settings;
+mod steady;
 mod switch;
 mod tap;
 #[cfg(test)]
@@ -139,7 +140,7 @@ fn plain(vehicle: &Vehicle, period_s: f64) -> Option<Dynamics> {
     let mut inputs = DMatrix::zeros(n, m + n);
     inputs.view_mut((0, 0), (n, m)).copy_from(&vehicle.b);
     inputs.view_mut((0, m), (n, n)).fill_with_identity();
-    Some(Dynamics::Plain(known_steps::kernel(&vehicle.a, &inputs, period_s).ok()?))
+    Some(Dynamics::Plain(known_steps::kernels(&vehicle.a, &inputs, period_s, 1).ok()?[0].clone()))
 }
 
 impl Simulator {

@@ -1,6 +1,6 @@
 //! Advances a simulator from one step to the next.
 
-use super::divergence::{LARGEST, held};
+use super::divergence::hold;
 use super::kernel::State;
 use super::nonlinear::Work;
 use super::{Dynamics, Simulator};
@@ -45,14 +45,7 @@ impl Simulator {
             Dynamics::Extended(extended) => {
                 let around = (&self.disturbances, &mut self.sensors);
                 extended.advance(self.step, z, &mut self.drive, around, work);
-                // NaN is beyond any bound.
-                let beyond = |v: &f64| v.is_nan() || v.abs() > LARGEST;
-                if z.as_ref().iter().fold(false, |any, v| any | beyond(v)) {
-                    for (i, value) in z.as_mut().iter_mut().enumerate().filter(|(_, v)| beyond(v)) {
-                        self.lost.get_or_insert(i);
-                        *value = held(*value);
-                    }
-                }
+                hold(z.as_mut(), &mut self.lost);
                 self.step += 1;
             }
         }

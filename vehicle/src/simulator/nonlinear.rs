@@ -24,6 +24,42 @@ enum Smooth {
     Cubic(usize, usize, f64),
 }
 
+impl Smooth {
+    /// The state that determines the force.
+    #[inline(always)]
+    fn from(self) -> usize {
+        match self {
+            Self::Drag(state, _) | Self::Cubic(state, ..) => state,
+        }
+    }
+
+    /// The state whose derivative it adds to.
+    #[inline(always)]
+    fn onto(self) -> usize {
+        match self {
+            Self::Drag(state, _) | Self::Cubic(_, state, _) => state,
+        }
+    }
+
+    /// The force where the state that determines it is `x`.
+    #[inline(always)]
+    fn force(self, x: f64) -> f64 {
+        match self {
+            Self::Drag(_, c) => -c * x * x.abs(),
+            Self::Cubic(.., c) => -c * x * x * x,
+        }
+    }
+}
+
+/// A smooth effect within a step of [`lawson`].
+#[derive(Debug, Clone, Copy, Default)]
+struct Stages {
+    /// The state that determines the force, half a step on, without any of these forces.
+    half: f64,
+    /// Forces at the four stages.
+    forces: [f64; 4],
+}
+
 #[derive(Debug, Clone)]
 struct Friction {
     state: usize,
@@ -51,6 +87,8 @@ pub struct Nonlinear {
     /// Smooth effects, active ones first, and the number of active ones.
     smooth: Vec<Smooth>,
     smooth_acting: usize,
+    /// Their stages within a step.
+    stages: Vec<Stages>,
     /// Friction, combined per state, active ones first, and the number of active ones.
     friction: Vec<Friction>,
     friction_acting: usize,
@@ -63,9 +101,6 @@ pub struct Nonlinear {
 /// Work vectors of a nonlinear step.
 #[derive(Debug, Clone, Default)]
 pub struct Work<V> {
-    slopes: [V; 3],
-    stage: V,
-    middle: V,
     result: V,
     /// Scratch vector for [`State::flow`].
     pub scratch: V,
@@ -75,8 +110,7 @@ impl<V: State> Work<V> {
     /// Work vectors of the same size as this state.
     #[inline(always)]
     pub fn like(state: &V) -> Self {
-        let new = || state.clone();
-        Self { slopes: [new(), new(), new()], stage: new(), middle: new(), result: new(), scratch: new() }
+        Self { result: state.clone(), scratch: state.clone() }
     }
 }
 
@@ -103,6 +137,8 @@ impl Nonlinear {
         if smooths.is_empty() && parts.is_empty() {
             return None;
         }
+        // Whatever their order in the file, forces of different kinds add in the same order.
+        smooths.sort_by_key(|(_, smooth)| matches!(smooth, Smooth::Cubic(..)));
         parts.sort_by_key(|part| part.state);
         let none = |part: &Part| Friction { state: part.state, against: (0.0, 0.0), force: 0.0 };
         let mut all = Self {
@@ -110,6 +146,7 @@ impl Nonlinear {
             m,
             smooth: smooths.iter().map(|(_, smooth)| *smooth).collect(),
             smooth_acting: 0,
+            stages: vec![Stages::default(); smooths.len()],
             friction: parts.iter().map(none).collect(),
             friction_acting: 0,
             smooths,
@@ -218,13 +255,13 @@ impl Nonlinear {
         work: &mut Work<V>,
     ) -> bool {
         let levels = &substep.levels[level..];
-        let h = substep.length_s * 0.5f64.powi(level as i32);
-        if self.friction().is_empty() {
-            lawson(self.smooth(), levels, h, z, inputs, work);
-        } else {
+        let h = substep.length_s / (1u32 << level) as f64;
+        let rubs = self.friction_acting > 0;
+        if rubs {
             self.rub(z.as_ref(), inputs);
-            lawson(self.smooth(), levels, h, z, &self.inputs, work);
         }
+        let inputs = if rubs { &self.inputs } else { inputs };
+        lawson(&self.smooth[..self.smooth_acting], &mut self.stages, levels, h, z, inputs, work);
         // The second derivative of x abs(x) jumps at zero: a step that crosses it must be short.
         let (result, z) = (work.result.as_mut(), z.as_ref());
         let kinked = |s: &Smooth| matches!(*s, Smooth::Drag(i, _) if result[i] * z[i] < 0.0);
@@ -287,59 +324,57 @@ impl Nonlinear {
     }
 }
 
-#[inline(always)]
-fn nonlinear(smooth: &[Smooth], z: &[f64], out: &mut [f64]) {
-    out.fill(0.0);
-    for s in smooth {
-        match *s {
-            Smooth::Drag(i, c) => out[i] -= c * z[i] * z[i].abs(),
-            Smooth::Cubic(from, onto, c) => out[onto] -= c * z[from] * z[from] * z[from],
-        }
-    }
-}
-
 /// Lawson's method of order 4 over a step h: levels[0] is the exact flow over h, levels[1] over h/2.
 ///
-/// Written with the flow F of half a step alone, which is affine: F(z + d) = F(z) + Phi d.
+/// Flows are affine, F(z + d) = F(z) + Phi d, and every force acts on one state and follows from one state: a step needs the
+/// flow of z alone, of half a step only the states that the forces follow from, and the columns of Phi of the states on which
+/// they act.
 #[inline(always)]
-fn lawson<V: State>(smooth: &[Smooth], levels: &[Kernel], h: f64, z: &V, inputs: &[f64], work: &mut Work<V>) {
-    let Work { slopes: [k1, k2, k3], stage, middle, result, scratch } = work;
+fn lawson<V: State>(
+    smooth: &[Smooth],
+    stages: &mut [Stages],
+    levels: &[Kernel],
+    h: f64,
+    z: &V,
+    inputs: &[f64],
+    work: &mut Work<V>,
+) {
+    let Work { result, scratch } = work;
     result.as_mut().copy_from_slice(z.as_ref());
+    result.flow(&levels[0], inputs, scratch);
     if smooth.is_empty() {
-        result.flow(&levels[0], inputs, scratch);
         return;
     }
-    let (k1, k2, k3, z) = (k1.as_mut(), k2.as_mut(), k3.as_mut(), z.as_ref());
-    let mut flow = |z: &mut V| z.flow(&levels[1], inputs, scratch);
-    middle.as_mut().copy_from_slice(z);
-    flow(middle);
-    nonlinear(smooth, z, k1);
-    add(stage.as_mut(), z, 0.5 * h, k1);
-    flow(stage);
-    nonlinear(smooth, stage.as_ref(), k2);
-    // F(z + h/6 k1) lies a third of the way from F(z) to F(z + h/2 k1).
-    for ((r, m), s) in result.as_mut().iter_mut().zip(middle.as_ref()).zip(stage.as_ref()) {
-        *r = m + (s - m) / 3.0;
+    let (whole, half, z) = (&levels[0], &levels[1], z.as_ref());
+    for (of, at) in smooth.iter().zip(&mut *stages) {
+        at.half = half.row(of.from(), z, inputs);
+        at.forces[0] = of.force(z[of.from()]);
     }
-    add(stage.as_mut(), middle.as_ref(), 0.5 * h, k2);
-    nonlinear(smooth, stage.as_ref(), k3);
-    add(stage.as_mut(), middle.as_ref(), h, k3);
-    flow(stage);
-    for ((r, a), b) in result.as_mut().iter_mut().zip(&*k2).zip(&*k3) {
-        *r += h / 3.0 * (a + b);
+    for (i, of) in smooth.iter().enumerate() {
+        let mut x = stages[i].half;
+        for (other, at) in smooth.iter().zip(&*stages) {
+            x += 0.5 * h * half.entry(of.from(), other.onto()) * at.forces[0];
+        }
+        stages[i].forces[1] = of.force(x);
     }
-    flow(result);
-    nonlinear(smooth, stage.as_ref(), k1);
-    for (r, k) in result.as_mut().iter_mut().zip(&*k1) {
-        *r += h / 6.0 * k;
+    for (i, of) in smooth.iter().enumerate() {
+        let mut x = stages[i].half;
+        for (_, at) in smooth.iter().zip(&*stages).filter(|(other, _)| other.onto() == of.from()) {
+            x += 0.5 * h * at.forces[1];
+        }
+        stages[i].forces[2] = of.force(x);
     }
-}
-
-/// sum = z + h k
-#[inline(always)]
-fn add(sum: &mut [f64], z: &[f64], h: f64, k: &[f64]) {
-    for ((s, z), k) in sum.iter_mut().zip(z).zip(k) {
-        *s = z + h * k;
+    for (i, of) in smooth.iter().enumerate() {
+        let mut x = result.as_ref()[of.from()];
+        for (other, at) in smooth.iter().zip(&*stages) {
+            x += h * half.entry(of.from(), other.onto()) * at.forces[2];
+        }
+        stages[i].forces[3] = of.force(x);
+    }
+    for (of, Stages { forces: [k1, k2, k3, k4], .. }) in smooth.iter().zip(&*stages) {
+        result.add(whole, of.onto(), h / 6.0 * k1);
+        result.add(half, of.onto(), h / 3.0 * (k2 + k3));
+        result.as_mut()[of.onto()] += h / 6.0 * k4;
     }
 }
 

@@ -88,7 +88,7 @@ impl Simulator {
     }
 
     #[inline(always)]
-    fn force(&mut self, state: usize, value: f64) {
+    pub(super) fn force(&mut self, state: usize, value: f64) {
         self.disturbances.force(state, value);
         self.drive[self.m + state] = value;
         self.driven = self.m + self.n;
@@ -116,6 +116,14 @@ impl Simulator {
 
     #[inline(always)]
     fn run_fixed<const N: usize>(&mut self, inputs: &[f64], mut beside: Beside<'_>, rows: &mut Rows) {
+        let steady = match beside {
+            Beside::Nothing => self.run_steady::<N>(inputs, None, rows),
+            Beside::Force(state, force) => self.run_steady::<N>(inputs, Some((state, force)), rows),
+            Beside::Correction(_) => false,
+        };
+        if steady {
+            return;
+        }
         let Some(mut z) = self.z.first_chunk::<N>().copied() else { return };
         let mut work = Work::like(&z);
         let first = self.step;
@@ -124,9 +132,7 @@ impl Simulator {
                 self.force(*state, force[row]);
             }
             self.apply(u);
-            for (entry, z) in rows.states.chunks_exact_mut(BLOCK).zip(&z) {
-                entry[row] = *z;
-            }
+            rows.put_state(row, &z);
             for (entry, v) in rows.inputs.chunks_exact_mut(BLOCK).zip(&self.drive) {
                 entry[row] = *v;
             }

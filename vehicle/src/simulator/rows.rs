@@ -12,6 +12,9 @@ pub struct Rows {
     pub(super) states: Vec<f64>,
     pub(super) inputs: Vec<f64>,
     pub(super) outputs: Vec<f64>,
+    /// Inputs that act over each step's period, step after step, and their number per step.
+    pub(super) periods: Vec<f64>,
+    pub(super) width: usize,
 }
 
 impl Rows {
@@ -21,7 +24,32 @@ impl Rows {
     /// Buffers for these numbers of entries of z, inputs and outputs.
     pub(super) fn new(states: usize, inputs: usize, outputs: usize) -> Self {
         let rows = |entries: usize| vec![0.0; entries * BLOCK];
-        Self { length: 0, states: rows(states), inputs: rows(inputs), outputs: rows(outputs) }
+        Self {
+            length: 0,
+            states: rows(states),
+            inputs: rows(inputs),
+            outputs: rows(outputs),
+            periods: rows(2 * inputs),
+            width: inputs,
+        }
+    }
+
+    /// Sets an input that changes only from step to step.
+    #[inline(always)]
+    pub(super) fn put_inputs(&mut self, input: usize, mut next: impl FnMut(usize) -> f64) {
+        let begins = &mut self.inputs[input * BLOCK..][..self.length];
+        for (row, begin) in begins.iter_mut().enumerate() {
+            *begin = next(row);
+            self.periods[row * self.width + input] = *begin;
+        }
+    }
+
+    /// Keeps the state at the beginning of a step.
+    #[inline(always)]
+    pub(super) fn put_state(&mut self, row: usize, z: &[f64]) {
+        for (entry, z) in self.states.chunks_exact_mut(BLOCK).zip(z) {
+            entry[row] = *z;
+        }
     }
 
     /// An output, measured at every step of the block.

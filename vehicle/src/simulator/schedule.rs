@@ -3,6 +3,9 @@
 //! Splits come from fractional delays, in every period alike, and from single events: the edges of a pulse, a
 //! mode transition. Over a substep all inputs are constant, so one matrix exponential solves it exactly.
 
+use std::ops::Range;
+use std::sync::Arc;
+
 use nalgebra::DMatrix;
 
 use super::compile::System;
@@ -23,7 +26,7 @@ pub struct Substep {
     pub length_s: f64,
     /// Discretisations over the whole length, its half, its quarter and so on. Inputs are v, then one per own
     /// state.
-    pub levels: Vec<Kernel>,
+    pub levels: Arc<[Kernel]>,
 }
 
 /// A period that recurs.
@@ -121,6 +124,14 @@ impl Schedule {
         }
     }
 
+    /// True when all these steps have the same substeps. Steps as for [`Self::substeps`].
+    pub fn is_steady(&mut self, steps: &Range<u64>) -> bool {
+        self.seek(steps.start);
+        let next = self.regular.get(self.next_regular + 1).map(|(from, _)| from);
+        let special = self.special.get(self.next_special).map(|(at, _)| at);
+        next.into_iter().chain(special).all(|step| *step >= steps.end)
+    }
+
     /// The substeps of a period; steps must be asked for in ascending order.
     pub fn substeps(&mut self, step: u64) -> &[Substep] {
         self.seek(step);
@@ -187,12 +198,8 @@ fn substep(
     for i in 0..n {
         inputs[(i, m + i)] = 1.0;
     }
-    let levels = (0..levels)
-        .map(|level| {
-            known_steps::kernel(a, &inputs, length_s * 0.5f64.powi(level as i32))
-                .map_err(|_| SimulatorError::NotFinite { vehicle: String::new(), period_s: length_s })
-        })
-        .collect::<Result<_, SimulatorError>>()?;
+    let levels = known_steps::kernels(a, &inputs, length_s, levels)
+        .map_err(|_| SimulatorError::NotFinite { vehicle: String::new(), period_s: length_s })?;
     Ok(Substep { start_s, length_s, levels })
 }
 

@@ -141,10 +141,14 @@ impl Sensors {
 
     /// Stores the values of delayed outputs at this offset of a step, within which a state may have diverged: the
     /// states are held at the step's end only.
+    #[inline]
     pub fn remember(&mut self, offset_s: f64, z: &[f64], v: &[f64]) {
-        if !self.delayed {
-            return;
+        if self.delayed {
+            self.push(offset_s, z, v);
         }
+    }
+
+    fn push(&mut self, offset_s: f64, z: &[f64], v: &[f64]) {
         let tolerance = 2.0 * super::inputs::TIME_TOLERANCE * self.period_s;
         for sensor in &mut self.sensors {
             for tap in sensor.taps.iter_mut().filter(|tap| (tap.offset_s - offset_s).abs() <= tolerance) {
@@ -216,7 +220,7 @@ impl Sensors {
     /// Equivalent to [`Sensors::measure`] one by one, with the engine off and every output fresh.
     #[inline(always)]
     pub fn measure_block(&mut self, step: u64, rows: &mut Rows) {
-        let Rows { length, states, inputs, outputs } = rows;
+        let Rows { length, states, inputs, outputs, .. } = rows;
         for (sensor, motion) in self.sensors.iter().zip(outputs.chunks_exact_mut(BLOCK)) {
             if sensor.tap.is_none() {
                 sensor.lagged.values(BLOCK, states, inputs, &mut motion[..*length]);
