@@ -56,11 +56,9 @@ fn records(c: &mut Criterion) {
     let (m, p) = (hover.inputs.len(), hover.outputs.len());
     let inputs: Vec<f64> = (0..steps as usize * m).map(|at| if at & 128 == 0 { 0.1 } else { -0.1 }).collect();
     let mut outputs = vec![0.0; steps as usize * p];
-    let mut run = |name: &str, effects: &[(Kind, &str, &[(&str, f64)])]| {
+    let mut run = |name: &str, effects: &[Effect]| {
         let mut vehicle = hover.clone();
-        for (kind, place, parameters) in effects {
-            vehicle.add_effect(Effect::new(*kind, place, parameters).expect("valid")).expect("fits");
-        }
+        effects.iter().for_each(|effect| vehicle.add_effect(effect.clone()).expect("fits"));
         group.bench_function(name, |b| {
             b.iter(|| {
                 let mut simulator = Simulator::expected(&vehicle, 0.01).expect("a valid vehicle");
@@ -69,24 +67,22 @@ fn records(c: &mut Criterion) {
             });
         });
     };
-    let cubic: (Kind, &str, &[(&str, f64)]) =
-        (Kind::CubicStiffness, "lateral_speed->lateral_speed", &[("coefficient", 0.01)]);
+    let effect =
+        |kind, place, parameters: &[(&str, f64)]| Effect::new(kind, place, parameters).expect("valid");
+    let cubic = effect(Kind::CubicStiffness, "lateral_speed->lateral_speed", &[("coefficient", 0.01)]);
+    let pulse = [("at_s", 20.004), ("duration_s", 1.0), ("magnitude", 0.1)];
+    let pulse = effect(Kind::PulseDisturbance, "roll_rate", &pulse);
+    let sine = [("frequency_hz", 8.0), ("amplitude", 0.1), ("phase_rad", 0.0)];
+    let sine = effect(Kind::PeriodicDisturbance, "roll_rate", &sine);
     run("no effect", &[]);
-    run("input_gain", &[(Kind::InputGain, "u_roll", &[("factor", 0.9)])]);
-    run("actuator_lag", &[(Kind::ActuatorLag, "u_roll", &[("time_constant_s", 0.05)])]);
-    run("sensor_delay", &[(Kind::SensorDelay, "roll_rate", &[("delay_s", 0.033)])]);
-    let pulse: (Kind, &str, &[(&str, f64)]) =
-        (Kind::PulseDisturbance, "roll_rate", &[("at_s", 20.004), ("duration_s", 1.0), ("magnitude", 0.1)]);
-    run("pulse_disturbance", &[pulse]);
-    run("cubic_stiffness", &[cubic]);
-    run("quadratic_drag", &[(Kind::QuadraticDrag, "lateral_speed", &[("coefficient", 0.1)])]);
-    run("cubic_stiffness, pulse_disturbance", &[cubic, pulse]);
-    let sine: (Kind, &str, &[(&str, f64)]) = (
-        Kind::PeriodicDisturbance,
-        "roll_rate",
-        &[("frequency_hz", 8.0), ("amplitude", 0.1), ("phase_rad", 0.0)],
-    );
-    run("periodic_disturbance", &[sine]);
+    run("input_gain", &[effect(Kind::InputGain, "u_roll", &[("factor", 0.9)])]);
+    run("actuator_lag", &[effect(Kind::ActuatorLag, "u_roll", &[("time_constant_s", 0.05)])]);
+    run("sensor_delay", &[effect(Kind::SensorDelay, "roll_rate", &[("delay_s", 0.033)])]);
+    run("quadratic_drag", &[effect(Kind::QuadraticDrag, "lateral_speed", &[("coefficient", 0.1)])]);
+    run("pulse_disturbance", std::slice::from_ref(&pulse));
+    run("cubic_stiffness", std::slice::from_ref(&cubic));
+    run("cubic_stiffness, pulse_disturbance", &[cubic.clone(), pulse]);
+    run("periodic_disturbance", std::slice::from_ref(&sine));
     run("cubic_stiffness, periodic_disturbance", &[cubic, sine]);
 }
 

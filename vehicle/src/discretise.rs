@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::doubling::Balanced;
+use crate::doubling::{Balanced, Transition};
 
 /// Largest 1-norm of A times the period, and of a matrix whose exponential is computed: its tenth power, from
 /// which the number of squarings follows, must not overflow.
@@ -46,7 +46,7 @@ pub fn discretise_halves(
     b: &DMatrix<f64>,
     period_s: f64,
     count: u32,
-) -> Result<Vec<(DMatrix<f64>, DMatrix<f64>)>, DiscretiseError> {
+) -> Result<Vec<Transition>, DiscretiseError> {
     let n = a.nrows();
     if a.ncols() != n || b.nrows() != n {
         return Err(DiscretiseError::Shape);

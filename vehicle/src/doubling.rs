@@ -18,6 +18,9 @@ const TRANSITION_TERMS: u32 = 13;
 /// Number of terms of the Gramian's series, whose operator has twice the norm.
 const GRAMIAN_TERMS: u32 = 17;
 
+/// exp(A t), n x n, and the integral of exp(A t) B, n x m, over one length.
+pub type Transition = (DMatrix<f64>, DMatrix<f64>);
+
 /// A model over a step, in units in which the rows and columns of A have similar magnitudes.
 pub struct Balanced {
     /// A over the short step, n x n.
@@ -58,7 +61,7 @@ impl Balanced {
 
     /// exp(A t) at the end, n x n, and the integral of exp(A t) B, n x m for `b` of that size: over the whole length, then over
     /// its half, its quarter and so on for the first `count` of them, not beyond the short step.
-    pub fn transitions_and_inputs(&self, b: &DMatrix<f64>, count: u32) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
+    pub fn transitions_and_inputs(&self, b: &DMatrix<f64>, count: u32) -> Vec<Transition> {
         let n = self.x.nrows();
         let in_units = |moved: &DMatrix<f64>, gamma: &DMatrix<f64>| {
             let phi = DMatrix::from_fn(n, n, |i, j| {

@@ -57,7 +57,9 @@ impl Sparse {
     /// Inner products of the columns with another.
     pub fn dots(&self, with: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.columns.len()];
-        for (block, rows) in blocks(with.len()).enumerate() {
+        // A sensor's effect changes one channel of many.
+        let occupied = occupied(with);
+        for (block, rows) in blocks(with.len()).enumerate().filter(|(block, _)| occupied[*block]) {
             for (i, column) in self.filled(block, &rows) {
                 sums[i] += dot(column, &with[rows.clone()]);
             }

@@ -46,6 +46,8 @@ pub struct Signals {
     pub states: Vec<Signal>,
     /// Largest number of cycles of a modulation over the record.
     turns: usize,
+    /// Sine and cosine of one turn over the record.
+    turn: Vec<(f64, f64)>,
     duration_s: f64,
 }
 
@@ -62,7 +64,7 @@ impl Signals {
         let states = states.into_iter().zip(vehicle.states.iter().map(|s| &s.name)).map(signal).collect();
         let duration_s = data.duration_s();
         let turns = MAX_MODULATION_TURNS.min((FASTEST_MODULATION_HZ * duration_s) as usize);
-        Self { inputs, states, turns, duration_s }
+        Self { inputs, states, turns, turn: turn(data.steps), duration_s }
     }
 
     /// Bases of inputs and states: smooth, modulated, switched or sinusoidal functions, and products.
@@ -127,7 +129,8 @@ impl Signals {
     /// A signal whose gain oscillates with `turns` cycles over the record.
     fn swung(&self, x: &Signal, turns: usize) -> Basis {
         let hz = turns as f64 / self.duration_s;
-        Basis::new(format!("follows {} modulated at {hz:.2} Hz", x.name), swing(&x.values, turns))
+        let functions = swing(&x.values, turns, &self.turn).into();
+        Basis::new(format!("follows {} modulated at {hz:.2} Hz", x.name), functions)
     }
 }
 
@@ -150,17 +153,22 @@ pub fn switched(x: &Signal) -> Basis {
     Basis::new(format!("switches with {}", x.name), sides)
 }
 
-fn swing(v: &[f64], turns: usize) -> Vec<Vec<f64>> {
-    let at = |phase: f64| {
-        let angle = |k: usize| TAU * (turns * k) as f64 / v.len() as f64 + phase;
-        v.iter().enumerate().map(|(k, v)| v * angle(k).sin()).collect()
-    };
-    vec![at(0.0), at(0.5 * PI)]
+/// Sine and cosine of every step of a record, of which the whole is one turn.
+fn turn(steps: usize) -> Vec<(f64, f64)> {
+    (0..steps).map(|k| (TAU * k as f64 / steps as f64).sin_cos()).collect()
+}
+
+/// A signal times the sine, and times the cosine, of this many turns over the record.
+fn swing(v: &[f64], turns: usize, turn: &[(f64, f64)]) -> [Vec<f64>; 2] {
+    let at = |k: usize| turn[turns * k % turn.len()];
+    let swung = |of: fn((f64, f64)) -> f64| v.iter().enumerate().map(|(k, v)| v * of(at(k))).collect();
+    [swung(|(sine, _)| sine), swung(|(_, cosine)| cosine)]
 }
 
 /// A signal whose gain varies slowly, over few cycles in the record.
 pub fn slowly(x: &Signal) -> Basis {
-    let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns)).collect();
+    let turn = turn(x.values.len());
+    let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns, &turn)).collect();
     Basis::new(format!("follows {} with a slowly varying gain", x.name), swings)
 }
 
@@ -228,6 +236,7 @@ mod tests {
             inputs: vec![signal("u", [1.0, 2.0]), signal("v", [3.0, 5.0])],
             states: vec![signal("x", [7.0, 11.0])],
             turns: 0,
+            turn: Vec::new(),
             duration_s: 1.0,
         };
         let products = signals.products().map(|make| make());

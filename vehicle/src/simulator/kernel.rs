@@ -24,6 +24,23 @@ pub trait State: Clone + AsRef<[f64]> + AsMut<[f64]> {
     fn add(&mut self, kernel: &Kernel, column: usize, by: f64);
 }
 
+/// Work vectors of a nonlinear step.
+#[derive(Debug, Clone, Default)]
+pub struct Work<V> {
+    /// Result of a step.
+    pub result: V,
+    /// Scratch vector for [`State::flow`].
+    pub scratch: V,
+}
+
+impl<V: State> Work<V> {
+    /// Work vectors of the same size as this state.
+    #[inline(always)]
+    pub fn like(state: &V) -> Self {
+        Self { result: state.clone(), scratch: state.clone() }
+    }
+}
+
 impl<const N: usize> State for [f64; N] {
     #[inline(always)]
     fn flow(&mut self, kernel: &Kernel, u: &[f64], _: &mut Self) {

@@ -1,8 +1,7 @@
 //! Advances a simulator from one step to the next.
 
 use super::divergence::hold;
-use super::kernel::State;
-use super::nonlinear::Work;
+use super::kernel::{State, Work};
 use super::{Dynamics, Simulator};
 
 impl Simulator {

@@ -6,7 +6,8 @@
 //! sign. Where a sign would change, the step is halved down to 1/4096 of a substep; there the friction force is
 //! the one, within its limits, that ends the step at rest, so that sticking is sticking and nothing chatters.
 
-use super::kernel::{Kernel, State};
+use super::kernel::{Kernel, State, Work};
+use super::lawson::{Smooth, Stages, lawson};
 use super::schedule::Substep;
 use super::switch::Switch;
 use crate::effects::{Effect, Kind, Place};
@@ -15,50 +16,6 @@ use crate::effects::{Effect, Kind, Place};
 const DEEPEST: usize = 12;
 /// Largest number of halvings for smooth nonlinearities.
 const DEEPEST_SMOOTH: usize = 6;
-
-#[derive(Debug, Clone, Copy)]
-enum Smooth {
-    /// state, coefficient
-    Drag(usize, f64),
-    /// from, onto, coefficient
-    Cubic(usize, usize, f64),
-}
-
-impl Smooth {
-    /// The state that determines the force.
-    #[inline(always)]
-    fn from(self) -> usize {
-        match self {
-            Self::Drag(state, _) | Self::Cubic(state, ..) => state,
-        }
-    }
-
-    /// The state whose derivative it adds to.
-    #[inline(always)]
-    fn onto(self) -> usize {
-        match self {
-            Self::Drag(state, _) | Self::Cubic(_, state, _) => state,
-        }
-    }
-
-    /// The force where the state that determines it is `x`.
-    #[inline(always)]
-    fn force(self, x: f64) -> f64 {
-        match self {
-            Self::Drag(_, c) => -c * x * x.abs(),
-            Self::Cubic(.., c) => -c * x * x * x,
-        }
-    }
-}
-
-/// A smooth effect within a step of [`lawson`].
-#[derive(Debug, Clone, Copy, Default)]
-struct Stages {
-    /// The state that determines the force, half a step on, without any of these forces.
-    half: f64,
-    /// Forces at the four stages.
-    forces: [f64; 4],
-}
 
 #[derive(Debug, Clone)]
 struct Friction {
@@ -96,22 +53,6 @@ pub struct Nonlinear {
     pub fastest: f64,
     /// Inputs including the friction forces.
     inputs: Vec<f64>,
-}
-
-/// Work vectors of a nonlinear step.
-#[derive(Debug, Clone, Default)]
-pub struct Work<V> {
-    result: V,
-    /// Scratch vector for [`State::flow`].
-    pub scratch: V,
-}
-
-impl<V: State> Work<V> {
-    /// Work vectors of the same size as this state.
-    #[inline(always)]
-    pub fn like(state: &V) -> Self {
-        Self { result: state.clone(), scratch: state.clone() }
-    }
 }
 
 impl Nonlinear {
@@ -295,7 +236,11 @@ impl Nonlinear {
         }
         // The forces are weakly coupled through the other states within so short a time: a few sweeps
         // suffice.
-        let free = Set::of(self.friction().iter().map(|f| z[f.state] == 0.0 || crosses(result, f.state)));
+        let is_free = |f: &Friction| z[f.state] == 0.0 || crosses(result, f.state);
+        if !self.friction().iter().any(is_free) {
+            return true;
+        }
+        let free = Set::of(self.friction().iter().map(is_free));
         let mut breaks_away = false;
         for sweep in 0..4 {
             let last = sweep == 3;
@@ -321,60 +266,6 @@ impl Nonlinear {
             }
         }
         deepest || !breaks_away
-    }
-}
-
-/// Lawson's method of order 4 over a step h: levels[0] is the exact flow over h, levels[1] over h/2.
-///
-/// Flows are affine, F(z + d) = F(z) + Phi d, and every force acts on one state and follows from one state: a step needs the
-/// flow of z alone, of half a step only the states that the forces follow from, and the columns of Phi of the states on which
-/// they act.
-#[inline(always)]
-fn lawson<V: State>(
-    smooth: &[Smooth],
-    stages: &mut [Stages],
-    levels: &[Kernel],
-    h: f64,
-    z: &V,
-    inputs: &[f64],
-    work: &mut Work<V>,
-) {
-    let Work { result, scratch } = work;
-    result.as_mut().copy_from_slice(z.as_ref());
-    result.flow(&levels[0], inputs, scratch);
-    if smooth.is_empty() {
-        return;
-    }
-    let (whole, half, z) = (&levels[0], &levels[1], z.as_ref());
-    for (of, at) in smooth.iter().zip(&mut *stages) {
-        at.half = half.row(of.from(), z, inputs);
-        at.forces[0] = of.force(z[of.from()]);
-    }
-    for (i, of) in smooth.iter().enumerate() {
-        let mut x = stages[i].half;
-        for (other, at) in smooth.iter().zip(&*stages) {
-            x += 0.5 * h * half.entry(of.from(), other.onto()) * at.forces[0];
-        }
-        stages[i].forces[1] = of.force(x);
-    }
-    for (i, of) in smooth.iter().enumerate() {
-        let mut x = stages[i].half;
-        for (_, at) in smooth.iter().zip(&*stages).filter(|(other, _)| other.onto() == of.from()) {
-            x += 0.5 * h * at.forces[1];
-        }
-        stages[i].forces[2] = of.force(x);
-    }
-    for (i, of) in smooth.iter().enumerate() {
-        let mut x = result.as_ref()[of.from()];
-        for (other, at) in smooth.iter().zip(&*stages) {
-            x += h * half.entry(of.from(), other.onto()) * at.forces[2];
-        }
-        stages[i].forces[3] = of.force(x);
-    }
-    for (of, Stages { forces: [k1, k2, k3, k4], .. }) in smooth.iter().zip(&*stages) {
-        result.add(whole, of.onto(), h / 6.0 * k1);
-        result.add(half, of.onto(), h / 3.0 * (k2 + k3));
-        result.as_mut()[of.onto()] += h / 6.0 * k4;
     }
 }
 

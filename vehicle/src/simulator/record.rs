@@ -3,7 +3,7 @@
 use multiversion::multiversion;
 
 use super::Simulator;
-use super::nonlinear::Work;
+use super::kernel::Work;
 use super::rows::{BLOCK, Rows};
 use crate::model::Engine;
 

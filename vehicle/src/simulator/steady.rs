@@ -3,7 +3,7 @@
 
 use super::divergence::hold;
 use super::extended::Flows;
-use super::nonlinear::Work;
+use super::kernel::Work;
 use super::rows::{BLOCK, Rows};
 use super::{Dynamics, Simulator};
 
