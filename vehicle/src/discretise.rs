@@ -138,6 +138,21 @@ mod tests {
         println!("largest relative error {:e} for {}", worst.0, worst.1);
     }
 
+    /// A slow, a fast and an unstable mode.
+    #[test]
+    fn halves_of_a_period_are_discretised_as_each_alone() {
+        let a = DMatrix::from_row_slice(3, 3, &[-0.01, 2.0, 0.0, 0.0, -80.0, 5.0, 1.0, 0.0, 3.0]);
+        let b = DMatrix::from_row_slice(3, 2, &[0.0, 1.0, 40.0, 0.0, -2.0, 0.5]);
+        let halves = discretise_halves(&a, &b, 0.05, 14).unwrap();
+        assert_eq!(halves.len(), 14);
+        for (level, (phi, gamma)) in halves.iter().enumerate() {
+            let (own, input) = discretise(&a, &b, 0.05 * 0.5f64.powi(level as i32)).unwrap();
+            let apart = |a: &DMatrix<f64>, b: &DMatrix<f64>| (a - b).abs().max() / b.abs().max();
+            assert!(apart(phi, &own) < 1e-13 && apart(gamma, &input) < 1e-13, "{level}");
+        }
+        assert!(discretise_halves(&a, &b, f64::NAN, 3).is_err());
+    }
+
     #[test]
     fn double_integrator_in_closed_form() {
         let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, 0.0]);
