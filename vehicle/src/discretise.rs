@@ -34,10 +34,17 @@ pub fn discretise(
     b: &DMatrix<f64>,
     period_s: f64,
 ) -> Result<(DMatrix<f64>, DMatrix<f64>), DiscretiseError> {
-    discretise_halves(a, b, period_s, 1)?.pop().ok_or(DiscretiseError::NotFinite)
+    let n = a.nrows();
+    if a.ncols() != n || b.nrows() != n {
+        return Err(DiscretiseError::Shape);
+    }
+    check_norm(a, period_s)?;
+    let (phi, gamma) =
+        Balanced::new(a, period_s).transitions_and_inputs(b, 1).pop().ok_or(DiscretiseError::NotFinite)?;
+    Ok((finite(phi)?, finite(gamma)?))
 }
 
-/// The same as [`discretise`] over the period, its half, its quarter and so on, `count` of them.
+/// The same as [`discretise`] over the period, bit for bit, then over its half, its quarter and so on, `count` in all.
 ///
 /// # Errors
 /// As [`discretise`].
@@ -47,14 +54,14 @@ pub fn discretise_halves(
     period_s: f64,
     count: u32,
 ) -> Result<Vec<Transition>, DiscretiseError> {
-    let n = a.nrows();
-    if a.ncols() != n || b.nrows() != n {
-        return Err(DiscretiseError::Shape);
-    }
-    check_norm(a, period_s)?;
-    let halvings = count.saturating_sub(1);
-    let steps = Balanced::with_halves(a, period_s, halvings).transitions_and_inputs(b, count);
-    steps.into_iter().map(|(phi, gamma)| Ok((finite(phi)?, finite(gamma)?))).collect()
+    let whole = discretise(a, b, period_s)?;
+    let shorter = if count > 1 {
+        Balanced::with_halves(a, period_s, count - 1).transitions_and_inputs(b, count)
+    } else {
+        Vec::new()
+    };
+    let shorter = shorter.into_iter().skip(1).map(|(phi, gamma)| Ok((finite(phi)?, finite(gamma)?)));
+    std::iter::once(Ok(whole)).chain(shorter).collect()
 }
 
 /// The Gramian of a finite horizon, the integral of exp(A t) W exp(A' t) over t from 0 to `horizon_s`, n x n and
@@ -150,6 +157,8 @@ mod tests {
             let apart = |a: &DMatrix<f64>, b: &DMatrix<f64>| (a - b).abs().max() / b.abs().max();
             assert!(apart(phi, &own) < 1e-13 && apart(gamma, &input) < 1e-13, "{level}");
         }
+        // A vehicle whose nonlinear effect is off moves as one without it, to the last bit.
+        assert_eq!(halves[0], discretise(&a, &b, 0.05).unwrap());
         assert!(discretise_halves(&a, &b, f64::NAN, 3).is_err());
     }
 
