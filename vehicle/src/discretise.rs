@@ -39,8 +39,7 @@ pub fn discretise(
         return Err(DiscretiseError::Shape);
     }
     check_norm(a, period_s)?;
-    let (phi, gamma) =
-        Balanced::new(a, period_s).transitions_and_inputs(b, 1).pop().ok_or(DiscretiseError::NotFinite)?;
+    let (phi, gamma) = Balanced::new(a, period_s).transition_and_input(b);
     Ok((finite(phi)?, finite(gamma)?))
 }
 
@@ -55,13 +54,12 @@ pub fn discretise_halves(
     count: u32,
 ) -> Result<Vec<Transition>, DiscretiseError> {
     let whole = discretise(a, b, period_s)?;
-    let shorter = if count > 1 {
-        Balanced::with_halves(a, period_s, count - 1).transitions_and_inputs(b, count)
-    } else {
-        Vec::new()
-    };
-    let shorter = shorter.into_iter().skip(1).map(|(phi, gamma)| Ok((finite(phi)?, finite(gamma)?)));
-    std::iter::once(Ok(whole)).chain(shorter).collect()
+    if count <= 1 {
+        return Ok(vec![whole]);
+    }
+    let halves = Balanced::with_halves(a, period_s, count - 1).transitions_and_inputs(b, count);
+    let halves = halves.into_iter().skip(1).map(|(phi, gamma)| Ok((finite(phi)?, finite(gamma)?)));
+    std::iter::once(Ok(whole)).chain(halves).collect()
 }
 
 /// The Gramian of a finite horizon, the integral of exp(A t) W exp(A' t) over t from 0 to `horizon_s`, n x n and

@@ -59,8 +59,13 @@ impl Balanced {
         sum
     }
 
-    /// exp(A t) at the end, n x n, and the integral of exp(A t) B, n x m for `b` of that size: over the whole length, then over
-    /// its half, its quarter and so on for the first `count` of them, not beyond the short step.
+    /// exp(A t) at the end, n x n, and the integral of exp(A t) B, n x m for `b` of that size.
+    pub fn transition_and_input(&self, b: &DMatrix<f64>) -> Transition {
+        self.transitions_and_inputs(b, 1).swap_remove(0)
+    }
+
+    /// The same over the whole length, its half, its quarter and so on: `count` of them, at least one and none shorter than the
+    /// short step.
     pub fn transitions_and_inputs(&self, b: &DMatrix<f64>, count: u32) -> Vec<Transition> {
         let n = self.x.nrows();
         let in_units = |moved: &DMatrix<f64>, gamma: &DMatrix<f64>| {

@@ -11,19 +11,11 @@ use super::inputs::{Chain, Delay};
 use super::kernel::{Kernel, State, Work};
 use super::nonlinear::Nonlinear;
 use super::rows::{BLOCK, Rows};
-use super::schedule::{self, Substep};
+use super::schedule::{self, Flows};
 use super::sensors::Sensors;
 use super::settings::Settings;
 use crate::effects::{Effect, Place};
 use crate::error::SimulatorError;
-
-/// How the states flow over a step.
-pub enum Flows<'s> {
-    /// At once: by the inputs at its end, then those that change within it as they were before.
-    Whole(&'s Kernel),
-    /// Substep by substep.
-    Parts(&'s [Substep]),
-}
 
 /// Dynamics of a vehicle whose effects need more than one matrix product.
 #[derive(Debug, Clone)]
@@ -100,7 +92,7 @@ impl Extended {
         if one { self.settings.now().schedule.one_kernel() } else { None }
     }
 
-    /// True when all these steps are the same flow of the states, whatever the inputs: in the linear part a product with one
+    /// True when all these steps, at least one, are the same flow of the states, whatever the inputs: in the linear part a product with one
     /// kernel, or with one for each substep within which nothing changes.
     pub fn is_steady(&mut self, steps: &Range<u64>, disturbances: &Disturbances, forced: bool) -> bool {
         if self.has_windows() || !disturbances.are_steady(steps) {
@@ -110,21 +102,15 @@ impl Extended {
             return false;
         }
         let pushed = forced || !disturbances.are_none();
-        match self.settings.schedule().whole(steps.start) {
-            Some(_) => !pushed,
-            None => self.delays.iter().all(|delay| delay.fraction_s == 0.0),
+        match self.settings.schedule().flows(steps.start) {
+            Flows::Whole(_) => !pushed,
+            Flows::Parts(_) => self.delays.iter().all(|delay| delay.fraction_s == 0.0),
         }
     }
 
     /// The one kernel of steady steps, or their substeps; and the nonlinear part.
     pub fn flows(&mut self, step: u64) -> (Flows<'_>, Option<&mut Nonlinear>) {
-        let schedule = self.settings.schedule();
-        let flows = if schedule.whole(step).is_some() {
-            schedule.whole(step).map_or(Flows::Parts(&[]), Flows::Whole)
-        } else {
-            Flows::Parts(schedule.substeps(step))
-        };
-        (flows, self.nonlinear.as_mut())
+        (self.settings.schedule().flows(step), self.nonlinear.as_mut())
     }
 
     /// Number of inputs of a period that is one matrix product, those before their changes included.
@@ -148,13 +134,12 @@ impl Extended {
         for row in 0..rows.length {
             let t = ((first + row as u64) as f64 + 0.5) * self.period_s;
             delay.push(chain.next(next(row), t));
-            let (older, newer) = (delay.older(), delay.newer());
             let period = &mut rows.periods[row * rows.width..][..rows.width];
-            period[input] = newer;
+            period[input] = delay.newer();
             if changes {
-                period[before] = older;
+                period[before] = delay.older();
             }
-            rows.inputs[input * BLOCK + row] = if changes { older } else { newer };
+            rows.inputs[input * BLOCK + row] = delay.first();
         }
     }
 
@@ -183,7 +168,7 @@ impl Extended {
         let links = self.chains.iter_mut().zip(&mut self.delays);
         for (((chain, delay), drive), applied) in links.zip(drive).zip(applied) {
             delay.push(chain.next(*applied, t));
-            *drive = if delay.fraction_s > 0.0 { delay.older() } else { delay.newer() };
+            *drive = delay.first();
         }
     }
 
@@ -226,7 +211,7 @@ impl Extended {
         // Without disturbances of the derivatives, only the inputs act.
         let acting = if disturbances.are_none() { inputs } else { drive.len() };
         let linear = acting == inputs && self.nonlinear.is_none();
-        if linear && let Some(kernel) = self.settings.schedule().whole(step) {
+        if linear && let Flows::Whole(kernel) = self.settings.schedule().flows(step) {
             let v = &mut drive[..inputs];
             sensors.remember(0.0, z.as_ref(), v);
             let changing = self.delays.iter().filter(|delay| delay.fraction_s > 0.0);

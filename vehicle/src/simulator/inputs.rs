@@ -230,6 +230,12 @@ impl Delay {
         self.ring[self.newest] = value;
     }
 
+    /// Value that acts at the beginning of the period.
+    #[inline(always)]
+    pub fn first(&self) -> f64 {
+        if self.fraction_s > 0.0 { self.older() } else { self.newer() }
+    }
+
     /// Value that acts from `fraction_s` on.
     pub fn newer(&self) -> f64 {
         self.before_newest(self.whole)

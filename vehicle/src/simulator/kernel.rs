@@ -134,14 +134,8 @@ impl Kernel {
         let (phi, gamma) = self.columns.as_chunks::<N>().0.split_at(self.states);
         let mut sum = [0.0; N];
         // Loops, not closures: these would be compiled on their own, without the vector registers of their callers.
-        if let Some(phi) = phi.first_chunk::<N>() {
-            for (column, &value) in phi.iter().zip(x) {
-                axpy(&mut sum, column, value);
-            }
-        } else {
-            for (column, &value) in phi.iter().zip(x) {
-                axpy(&mut sum, column, value);
-            }
+        for (column, &value) in phi.iter().zip(x) {
+            axpy(&mut sum, column, value);
         }
         for (column, &value) in gamma.iter().zip(u) {
             if value != 0.0 {

@@ -44,6 +44,20 @@ impl Rows {
         }
     }
 
+    /// Inputs that act over a step's period.
+    #[inline(always)]
+    pub(super) fn period(&self, row: usize) -> &[f64] {
+        &self.periods[row * self.width..][..self.width]
+    }
+
+    /// Inputs at the beginning of a step.
+    #[inline(always)]
+    pub(super) fn begin(&self, row: usize, inputs: &mut [f64]) {
+        for (value, entry) in inputs.iter_mut().zip(self.inputs.chunks_exact(BLOCK)) {
+            *value = entry[row];
+        }
+    }
+
     /// Keeps the state at the beginning of a step.
     #[inline(always)]
     pub(super) fn put_state(&mut self, row: usize, z: &[f64]) {

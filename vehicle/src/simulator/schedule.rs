@@ -47,6 +47,14 @@ pub struct Within<'w> {
     pub samples_s: &'w [f64],
 }
 
+/// How the states flow over a period.
+pub enum Flows<'s> {
+    /// At once, as only inputs change within it: by those at its end, then those that change within it as they were before.
+    Whole(&'s Kernel),
+    /// Substep by substep.
+    Parts(&'s [Substep]),
+}
+
 /// Substeps of every period.
 #[derive(Debug, Clone)]
 pub struct Schedule {
@@ -141,12 +149,14 @@ impl Schedule {
         }
     }
 
-    /// The one kernel of a period of several substeps between which only inputs change. Its inputs are those at the
-    /// period's end, then those that change within it as they were at its beginning. Steps as for [`Self::substeps`].
-    pub fn whole(&mut self, step: u64) -> Option<&Kernel> {
+    /// The flows of a period: at once where it can be. Steps as for [`Self::substeps`].
+    pub fn flows(&mut self, step: u64) -> Flows<'_> {
         self.seek(step);
-        let special = self.special.get(self.next_special).is_some_and(|(at, _)| *at == step);
-        self.regular[self.next_regular].1.whole.as_ref().filter(|_| !special)
+        match (self.special.get(self.next_special), &self.regular[self.next_regular].1) {
+            (Some((at, substeps)), _) if *at == step => Flows::Parts(substeps),
+            (_, Period { whole: Some(whole), .. }) => Flows::Whole(whole),
+            (_, Period { substeps, .. }) => Flows::Parts(substeps),
+        }
     }
 
     fn seek(&mut self, step: u64) {

@@ -2,9 +2,9 @@
 //! then the measurements. Each part is a short loop; equivalent to the steps one by one, bit for bit.
 
 use super::divergence::hold;
-use super::extended::Flows;
 use super::kernel::Work;
-use super::rows::{BLOCK, Rows};
+use super::rows::Rows;
+use super::schedule::Flows;
 use super::{Dynamics, Simulator};
 
 /// Forces on the states: the columns of a kernel that they act through, and their sizes.
@@ -87,83 +87,95 @@ impl Simulator {
         force: Option<(usize, &[f64])>,
         rows: &mut Rows,
     ) {
-        let (first, m, width) = (self.step, self.m, rows.width);
         if let Some((state, force)) = force {
             self.force(state, force[0]);
         }
-        let Self { dynamics, disturbances, sensors, drive, driven, lost, .. } = self;
-        match dynamics {
-            Dynamics::Plain(kernel) => {
-                let mut pushes = Pushes::<N>::of(&drive[m..*driven], m);
-                for row in 0..rows.length {
-                    rows.put_state(row, z);
-                    if let Some((state, force)) = force {
-                        drive[m + state] = force[row];
-                        pushes = Pushes::of(&drive[m..], m);
-                    }
-                    *z = kernel.fixed_with(z, &rows.periods[row * width..][..width], pushes.as_slice());
-                }
-            }
-            Dynamics::Extended(extended) => {
-                let acting = if disturbances.are_none() { m } else { drive.len() };
-                if acting > m {
-                    disturbances.held(first, 0.0, &mut drive[m..]);
-                }
-                let mut pushes = Pushes::<N>::of(&drive[m..acting], m);
-                let (delayed, sines) = (sensors.has_delay(), disturbances.have_oscillators());
-                let (flows, mut nonlinear) = extended.flows(first);
-                let mut work = Work::like(z);
-                for row in 0..rows.length {
-                    rows.put_state(row, z);
-                    if let Some((state, force)) = force {
-                        disturbances.force(state, force[row]);
-                        disturbances.held(first + row as u64, 0.0, &mut drive[m..]);
-                        pushes = Pushes::of(&drive[m..], m);
-                    }
-                    if delayed {
-                        sensors.recall(rows, row);
-                    }
-                    if sines {
-                        disturbances.set_oscillators(first + row as u64, z);
-                    }
-                    let period = &rows.periods[row * width..][..width];
-                    match flows {
-                        Flows::Whole(kernel) => {
-                            if delayed {
-                                for (v, begin) in drive.iter_mut().zip(rows.inputs.chunks_exact(BLOCK)) {
-                                    *v = begin[row];
-                                }
-                                sensors.remember(0.0, z, &drive[..m]);
-                            }
-                            *z = kernel.fixed_with(z, period, &[]);
-                        }
-                        Flows::Parts(substeps) => {
-                            for substep in substeps {
-                                if delayed {
-                                    sensors.remember(substep.start_s, z, period);
-                                }
-                                match &mut nonlinear {
-                                    None => {
-                                        *z = substep.levels[0].fixed_with(z, period, pushes.as_slice());
-                                    }
-                                    Some(nonlinear) => {
-                                        for (v, u) in drive.iter_mut().zip(period) {
-                                            *v = *u;
-                                        }
-                                        nonlinear.advance(substep, z, &drive[..acting], &mut work);
-                                    }
-                                }
-                            }
-                        }
-                    }
-                    hold(z, lost);
-                }
-            }
+        match self.dynamics {
+            Dynamics::Plain(_) => self.move_plain(z, force, rows),
+            Dynamics::Extended(_) => self.move_extended(z, force, rows),
         }
         let last = rows.length - 1;
-        drive[..m].copy_from_slice(&rows.periods[last * width..][..m]);
+        self.drive[..self.m].copy_from_slice(&rows.periods[last * rows.width..][..self.m]);
         if let Some((state, force)) = force {
-            disturbances.force(state, force[last]);
+            self.disturbances.force(state, force[last]);
+        }
+    }
+
+    #[inline(always)]
+    fn move_plain<const N: usize>(
+        &mut self,
+        z: &mut [f64; N],
+        force: Option<(usize, &[f64])>,
+        rows: &mut Rows,
+    ) {
+        let Self { dynamics: Dynamics::Plain(kernel), drive, m, driven, .. } = self else { return };
+        let mut pushes = Pushes::<N>::of(&drive[*m..*driven], *m);
+        for row in 0..rows.length {
+            rows.put_state(row, z);
+            if let Some((state, force)) = force {
+                drive[*m + state] = force[row];
+                pushes = Pushes::of(&drive[*m..], *m);
+            }
+            *z = kernel.fixed_with(z, rows.period(row), pushes.as_slice());
+        }
+    }
+
+    #[inline(always)]
+    fn move_extended<const N: usize>(
+        &mut self,
+        z: &mut [f64; N],
+        force: Option<(usize, &[f64])>,
+        rows: &mut Rows,
+    ) {
+        let (first, m) = (self.step, self.m);
+        let Self { dynamics: Dynamics::Extended(extended), disturbances, sensors, drive, lost, .. } = self
+        else {
+            return;
+        };
+        let acting = if disturbances.are_none() { m } else { drive.len() };
+        if acting > m {
+            disturbances.held(first, 0.0, &mut drive[m..]);
+        }
+        let mut pushes = Pushes::<N>::of(&drive[m..acting], m);
+        let (delayed, sines) = (sensors.has_delay(), disturbances.have_oscillators());
+        let (flows, mut nonlinear) = extended.flows(first);
+        let mut work = Work::like(z);
+        for row in 0..rows.length {
+            rows.put_state(row, z);
+            if let Some((state, force)) = force {
+                disturbances.force(state, force[row]);
+                disturbances.held(first + row as u64, 0.0, &mut drive[m..]);
+                pushes = Pushes::of(&drive[m..], m);
+            }
+            if delayed {
+                sensors.recall(rows, row);
+            }
+            if sines {
+                disturbances.set_oscillators(first + row as u64, z);
+            }
+            match flows {
+                Flows::Whole(kernel) => {
+                    if delayed {
+                        rows.begin(row, &mut drive[..m]);
+                        sensors.remember(0.0, z, &drive[..m]);
+                    }
+                    *z = kernel.fixed_with(z, rows.period(row), &[]);
+                }
+                Flows::Parts(substeps) => {
+                    for substep in substeps {
+                        if delayed {
+                            sensors.remember(substep.start_s, z, rows.period(row));
+                        }
+                        if let Some(nonlinear) = &mut nonlinear {
+                            rows.begin(row, &mut drive[..m]);
+                            nonlinear.advance(substep, z, &drive[..acting], &mut work);
+                        } else {
+                            *z = substep.levels[0].fixed_with(z, rows.period(row), pushes.as_slice());
+                        }
+                    }
+                }
+            }
+            hold(z, lost);
         }
     }
 }
