@@ -152,6 +152,8 @@ mod tests {
         };
         std::thread::scope(|scope| {
             scope.spawn(|| lanes.run((0, Kind::BesideOthers), failing));
+            // The one that fails has the lane before there is another.
+            drop(lanes.until(lanes.state(), |s| s.running == 1));
             scope.spawn(|| lanes.run((1, Kind::BesideOthers), other));
             scope.spawn(|| lanes.run((2, Kind::BesideOthers), other));
         });
