@@ -12,6 +12,7 @@ pub mod forced_response;
 pub mod free_run;
 pub mod innovations;
 pub mod input_reconstruction;
+mod linear_motion;
 pub mod noise;
 pub mod observer;
 pub mod optimum;
