@@ -25,6 +25,14 @@ impl Data {
         let mut parts = Vec::new();
         for record in records {
             let unbroken = unbroken(record, vehicle, period_s);
+            // One clock made all parts, though the median of its jitter is another in each.
+            let own = record.period().filter(|own| {
+                let apart = |part: &Cow<'_, Record>| {
+                    part.period().is_some_and(|period| (period / own - 1.0).abs() > SAME_PERIOD_SHARE)
+                };
+                record.time_unit == "s" && unbroken.len() > 1 && unbroken.iter().any(apart)
+            });
+            let period_s = period_s.or(own);
             parts.extend(unbroken.iter().map(|r| Self::new(r, vehicle, period_s)));
         }
         let mut parts = parts.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -181,6 +189,26 @@ mod tests {
         let parts = |period_s| Data::join(&[record.clone()], &vehicle, period_s).unwrap().starts.len();
         assert_eq!((parts(None), parts(Some(0.006))), (3, 2));
         assert_eq!(Data::join(&[record.clone()], &vehicle, None).unwrap().origin, "axis");
+    }
+
+    /// The median of a jitter is another in each part.
+    #[test]
+    fn parts_of_one_record_have_one_period() {
+        let text = "name = 'axis'\nA = [[-1.0]]\nB = [[1.0]]\ninputs = [{ name = 'u' }]\n\
+                    states = [{ name = 'roll', unit = 'rad' }]\noutputs = [{ name = 'roll', unit = 'rad' }]\n";
+        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        let step = |k: usize| match (k % 400, k < 400, k % 2) {
+            (399, ..) => 20.0,
+            (_, true, 0) => 0.0099,
+            (_, false, 0) => 0.0104,
+            _ => 0.0101,
+        };
+        let times: Vec<f64> = (0..800).map(|k| (0..k).map(step).sum()).collect();
+        let mut record = Record::new("axis", times).unwrap();
+        record.push("u", "", (0..800).map(|k| (k as f64 * 0.1).sin()).collect()).unwrap();
+        record.push("roll", "rad", (0..800).map(|k| (k as f64 * 0.1).cos()).collect()).unwrap();
+        let data = Data::join(&[record.clone()], &vehicle, None).unwrap();
+        assert_eq!((data.starts.len(), data.period_s), (2, record.period().unwrap()));
     }
 
     #[test]

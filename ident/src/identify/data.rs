@@ -96,6 +96,8 @@ impl Segment {
             return Ok(vec![Self::new(record, vehicle, period_s, (from_s, until_s))?]);
         }
         gaps.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // One clock made all pieces, though the median of its jitter is another in each.
+        let period_s = period_s.or_else(|| record.period());
         let mut pieces = Vec::new();
         let mut start = from_s;
         for (a, b) in gaps.into_iter().chain([(until, f64::INFINITY)]) {
@@ -172,6 +174,31 @@ pub fn present(segments: &[Segment], p: usize) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A clock that jitters made pieces of periods that differed in the fourth digit, which no fit accepts.
+    #[test]
+    fn pieces_of_a_record_have_one_period() {
+        let text = "name = 'axis'\nA = [[-1.0]]\nB = [[1.0]]\ninputs = [{ name = 'u' }]\n\
+                    states = [{ name = 'roll', unit = 'rad' }]\noutputs = [{ name = 'roll', unit = 'rad' }]\n";
+        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        let mut stream = whirlstand_vehicle::Stream::new(1, "jitter");
+        let mut t = 0.0;
+        let times: Vec<f64> = (0..900)
+            .map(|k| {
+                t += 0.01
+                    + 0.0005 * stream.normal().clamp(-3.0, 3.0)
+                    + if k % 300 == 299 { 20.0 } else { 0.0 };
+                t
+            })
+            .collect();
+        let mut record = Record::new("axis", times).unwrap();
+        record.push("u", "", (0..900).map(|k| (f64::from(k) * 0.1).sin()).collect()).unwrap();
+        record.push("roll", "rad", (0..900).map(|k| (f64::from(k) * 0.1).cos()).collect()).unwrap();
+        let pieces = Segment::unbroken(&record, &vehicle, None, (None, None)).unwrap();
+        assert_eq!(pieces.len(), 3);
+        let period_s = record.period().unwrap();
+        assert!(pieces.iter().all(|piece| piece.period_s == period_s), "{period_s}");
+    }
 
     #[test]
     fn gaps_become_straight_lines() {
