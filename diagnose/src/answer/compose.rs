@@ -95,6 +95,11 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     {
         answer.unexplained.description = remainder::undecided(refused);
     }
+    if answer.verdict == Verdict::Unexplained {
+        let random = remainder::at_random(&findings.residual.random_forces);
+        let parts = random.into_iter().chain(Some(std::mem::take(&mut answer.unexplained.description)));
+        answer.unexplained.description = parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ");
+    }
     let mut doubts = doubts::doubts(&answer.causes, &findings);
     // Advice on extrapolation is only given for an explained or a consistent record.
     let claims = matches!(answer.verdict, Verdict::Explained | Verdict::Consistent);
@@ -209,7 +214,7 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
         let all = answer.unexplained.share < EXPLAINED_SHARE && !lacks_fit(findings);
         return if all { Verdict::Explained } else { Verdict::PartlyExplained };
     }
-    if leaves_more_than_noise(findings, data, vehicle) {
+    if leaves_more_than_noise(findings, data, vehicle) || !findings.residual.random_forces.is_empty() {
         Verdict::Unexplained
     } else if answer.data.iter().any(|f| f.kind == "no_excitation" && f.blocking)
         || hardly_testable(findings, answer)

@@ -32,6 +32,8 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
     }
     if !causes.is_empty() {
         doubts.extend(left_to_noise(&findings.gains.channels));
+        let random = findings.residual.random_forces.iter();
+        doubts.extend(random.map(|state| format!("a force of unknown course acts on {state}")));
     }
     doubts
 }

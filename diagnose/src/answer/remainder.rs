@@ -154,6 +154,11 @@ pub(crate) fn undecided(refused: &Refused) -> String {
     format!("{} on {} gains {delta_bic:.0} in BIC, but {why}.", candidate.kind.name(), candidate.place)
 }
 
+/// Text on states on which random forces act.
+pub(crate) fn at_random(states: &[String]) -> Option<String> {
+    (!states.is_empty()).then(|| format!("A force of unknown course acts on {}.", states.join(" and on ")))
+}
+
 /// Range of the outputs' fits over the horizon, as in "fit of 97.1 to 98.2 % over 0.500 s"; `None` where no
 /// output changes.
 fn fits(outputs: &BTreeMap<String, OutputGain>, horizon_s: f64) -> Option<String> {

@@ -6,6 +6,7 @@ use crate::model::score_test::{ScoreTest, cosine};
 use crate::residual::axis::Axis;
 use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
 use crate::residual::out_of_library::{self, ForceOnSignal};
+use crate::residual::random_force::random_forces;
 use crate::screen::foresight;
 use crate::search::alternative::SearchSpace;
 use crate::search::selection::Selection;
@@ -95,6 +96,21 @@ impl Credibility<'_> {
             dropped.extend(axis.terms.into_iter().map(|term| (term, why.clone())));
         }
         self.withdraw(selection, dropped)
+    }
+
+    /// Withdraws pushes and periodic forces that are terms of a random force; also gives the states on which such act.
+    pub fn without_random_forces(&self, selection: &mut Selection<'_, '_>) -> (Vec<Withheld>, Vec<String>) {
+        let forces = random_forces(selection);
+        let why = |state: &str| {
+            format!("with others on {state} that act at the same time, it may be any force of unknown course")
+        };
+        let dropped =
+            forces.iter().flat_map(|force| force.terms.iter().map(|term| (*term, why(&force.state))));
+        let withheld = self.withdraw(selection, dropped.collect());
+        if withheld.is_empty() {
+            return (withheld, Vec::new());
+        }
+        (withheld, forces.into_iter().map(|force| force.state).collect())
     }
 
     /// The selection without some terms; they, with the reasons. None where it cannot be fitted without them.

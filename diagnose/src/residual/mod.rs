@@ -9,5 +9,6 @@ pub mod hysteresis_relay;
 pub mod lack_of_fit;
 pub mod narrow_band;
 pub mod out_of_library;
+pub mod random_force;
 pub mod turbulence;
 pub mod with_turbulence;

@@ -32,14 +32,18 @@ pub(crate) struct Residual<'r> {
     pub out_of_library: Option<ForceOnSignal>,
     /// Causes that were found and withdrawn.
     pub withheld: Vec<Withheld>,
+    /// States on which a random force acts that is no turbulence.
+    pub random_forces: Vec<String>,
     /// True when the causes are likelier with inputs that were at rest before the records.
     pub rest_before: bool,
 }
 
 impl<'r> Residual<'r> {
     pub fn new(selected: Selected<'r>) -> Self {
-        let Selected { baseline, model, selection: alone } = selected;
+        let Selected { baseline, model, selection: mut alone } = selected;
         let space = baseline.space();
+        let (mut withheld, mut random_forces) =
+            credibility(baseline, &space, false).without_random_forces(&mut alone);
         let (mut beside, mut turbulence, mut force) = (None, None, None);
         // A predictor that follows the record already has process noise.
         let follows = baseline.data().memory_s.is_some();
@@ -47,6 +51,11 @@ impl<'r> Residual<'r> {
         if !baseline.blocked && !follows && !watch.is_stopped() {
             watch.tell("testing for turbulence");
             (beside, turbulence, force) = with_turbulence(&alone, &model, &space);
+        }
+        if let Some(beside) = &mut beside {
+            let (other, states) = credibility(baseline, &space, true).without_random_forces(beside);
+            withheld.extend(other);
+            random_forces.extend(states);
         }
         let chosen = beside.as_ref().unwrap_or(&alone);
         let (mut noise, mut lack) = tested(baseline, chosen, turbulence.is_some());
@@ -60,13 +69,12 @@ impl<'r> Residual<'r> {
             lack = lack.map(|lack| LackOfFit::or_one(Some(lack), force.gain));
         }
         let rest_before = baseline.data().held && rest_before(&selection);
-        let mut withheld = Vec::new();
         let asked = lack.is_some() || (follows || noise.is_empty()) && !baseline.blocked;
         if asked && !watch.is_stopped() {
             watch.tell("analysing the remaining residual");
             let credibility = credibility(baseline, &space, turbulence.is_some());
-            let rival;
-            (withheld, rival) = credibility.withhold(&mut selection, lack);
+            let (incredible, rival) = credibility.withhold(&mut selection, lack);
+            withheld.extend(incredible);
             if let Some(rival) = rival {
                 lack = Some(LackOfFit::or_one(lack, rival.gain));
                 force = Some(rival);
@@ -79,6 +87,9 @@ impl<'r> Residual<'r> {
         } else {
             narrow_band(&selection.model, &selection.fit.residual)
         };
+        let states = &baseline.vehicle().states;
+        random_forces.retain(|state| turbulence.as_ref().is_none_or(|t| states[t.state].name != *state));
+        random_forces.dedup();
         let out_of_library = force.filter(|_| lack.is_some_and(|lack| lack.is_significant()));
         Self {
             selection,
@@ -89,6 +100,7 @@ impl<'r> Residual<'r> {
             lack,
             out_of_library,
             withheld,
+            random_forces,
             rest_before,
         }
     }

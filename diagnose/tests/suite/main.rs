@@ -5,6 +5,7 @@ mod diagnose_alike;
 mod diagnose_together;
 mod flight_records;
 mod hover;
+mod random_force;
 mod screen;
 mod support;
 mod wandering_zeros;
