@@ -48,8 +48,8 @@ struct Kick {
     half: Vec<f64>,
 }
 
-/// How an effect takes part in the response to a force.
-enum Part {
+/// What an effect does to the response to a force.
+enum Role {
     /// It adds the same with and without the force, or acts on commands.
     None,
     Linear,
@@ -59,7 +59,7 @@ enum Part {
     Beyond,
 }
 
-impl Part {
+impl Role {
     fn of(effect: &Effect) -> Self {
         let own = match effect.kind() {
             Kind::InputDelay
@@ -101,11 +101,11 @@ impl<'d> LinearMotion<'d> {
     ) -> Option<Self> {
         let (mut linear, mut smooth) = (Vec::new(), Vec::new());
         for effect in &vehicle.effects {
-            match Part::of(effect) {
-                Part::None => {}
-                Part::Linear => linear.push(effect.clone()),
-                Part::Smooth => smooth.push(effect),
-                Part::Beyond => return None,
+            match Role::of(effect) {
+                Role::None => {}
+                Role::Linear => linear.push(effect.clone()),
+                Role::Smooth => smooth.push(effect),
+                Role::Beyond => return None,
             }
         }
         let kicks = if smooth.is_empty() {

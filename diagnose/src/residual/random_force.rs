@@ -3,8 +3,10 @@
 use whirlstand_vehicle::Kind;
 
 use crate::candidates::library::Candidate;
+use crate::model::noise::Noise;
+use crate::residual::turbulence::turbulence;
 use crate::search::selection::Selection;
-use crate::thresholds::MAX_GUSTS;
+use crate::thresholds::{MAX_GUSTS, MIN_BIC_GAIN};
 
 /// A state on which a random force acts, and the terms into which it was expanded.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -15,11 +17,15 @@ pub struct RandomForce {
     pub terms: Vec<usize>,
 }
 
-/// Random forces among the terms of a selection: as many pushes and periodic forces as are looked for on one state, of which
-/// two of a kind act at the same time. Any force is a sum of such terms (Karhunen and Loeve; Van Trees, Detection, Estimation
-/// and Modulation Theory I, 1968, 3.4), and that they are events of their own is then no better than any other sum. Pushes
-/// one after another are events.
+/// Random forces among the terms of a selection, which turbulence explains as well.
 pub fn random_forces(selection: &Selection<'_, '_>) -> Vec<RandomForce> {
+    sums(selection).into_iter().filter(|force| !are_events(force, selection)).collect()
+}
+
+/// What may be a random force: as many pushes and periodic forces as are looked for on one state, of which two of a kind act
+/// at the same time. Any force is a sum of such terms (Karhunen and Loeve; Van Trees, Detection, Estimation and Modulation
+/// Theory I, 1968, 3.4). Pushes one after another are events.
+fn sums(selection: &Selection<'_, '_>) -> Vec<RandomForce> {
     let model = &selection.model;
     let end_s = model.free_run.data.times_s().1;
     let gusts: Vec<(usize, &Candidate)> =
@@ -42,6 +48,18 @@ pub fn random_forces(selection: &Selection<'_, '_>) -> Vec<RandomForce> {
     states.into_iter().filter_map(on).collect()
 }
 
+/// True when terms explain more than turbulence in their place, by BIC. When a term acts was chosen among many times, which
+/// BIC does not count: each costs twice the logarithm of their number (Zhang and Siegmund, Biometrics 63, 2007).
+fn are_events(force: &RandomForce, selection: &Selection<'_, '_>) -> bool {
+    let Some(calm) = selection.without(&force.terms, &[]) else { return false };
+    let Some(turbulence) = turbulence(&calm.model, &calm.fit.values, &calm.fit.residual) else { return true };
+    let data = selection.model.free_run.data;
+    let bic = |s: &Selection<'_, '_>| Noise::fit(data, &s.fit.residual).bic(s.model.parameters());
+    let looks: f64 =
+        force.terms.iter().map(|term| 2.0 * selection.model.terms[*term].looks.max(1.0).ln()).sum();
+    bic(&calm) - bic(selection) - looks > turbulence.delta_bic + MIN_BIC_GAIN
+}
+
 /// From when to when a push or a periodic force acts, s.
 fn interval(candidate: &Candidate, values: &[f64], end_s: f64) -> (f64, f64) {
     let value = |name: &str| candidate.tunables.iter().position(|t| t.name == name).map(|i| values[i]);
@@ -59,7 +77,9 @@ mod tests {
     use crate::data::flown::flown;
     use crate::model::fit::Model;
     use crate::model::free_run::FreeRun;
-    use whirlstand_vehicle::Vehicle;
+    use crate::search::acceptance::TermEvidence;
+    use crate::search::selection::Accepted;
+    use whirlstand_vehicle::{Effect, Vehicle};
 
     /// The number of random forces that these terms on one state are.
     fn random(of: impl Fn(&Sizes) -> Vec<Candidate>) -> usize {
@@ -71,7 +91,7 @@ mod tests {
         let terms = of(&Sizes::ones(&vehicle, 20.0, 0.01));
         selection.fit.values.extend(terms.iter().flat_map(|term| &term.starts[0]));
         selection.model.terms = terms;
-        random_forces(&selection).len()
+        sums(&selection).len()
     }
 
     fn push(at_s: f64, duration_s: f64, sizes: &Sizes) -> Candidate {
@@ -95,5 +115,38 @@ mod tests {
         let hum = |f: f64, s: &Sizes| tone(Kind::PeriodicDisturbance, "roll_rate", (f, 1.0, 0.0), s, 1.0);
         assert_eq!(random(|s| vec![hum(5.0, s), push(4.0, 0.5, s), push(8.0, 0.5, s)]), 0);
         assert_eq!(random(|s| vec![hum(0.2, s), hum(0.3, s), push(8.0, 0.5, s)]), 1);
+    }
+
+    /// Whether three pushes at once explain more than turbulence does in a flight with these effects.
+    fn likelier(effects: &[Effect]) -> bool {
+        let vehicle = Vehicle::builtin("quadrotor").unwrap();
+        let mut flying = vehicle.clone();
+        effects.iter().for_each(|effect| flying.add_effect(effect.clone()).unwrap());
+        let data = flown(&flying, vec![0.0; 1000 * vehicle.inputs.len()], 5);
+        let free_run = FreeRun::new(&vehicle, &data);
+        let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
+        let mut selection = Selection::nothing(model, vec![0.0; 4]).unwrap();
+        let sizes = Sizes::ones(&vehicle, 20.0, 0.02);
+        let term = |(at_s, duration_s, size)| pulse("roll_rate", at_s, duration_s, size, &sizes, 1e4);
+        selection.model.terms = PUSHES.map(term).to_vec();
+        let mut values = vec![0.0; 4];
+        values.extend(selection.model.terms.iter().flat_map(|term| &term.starts[0]));
+        selection.fit = selection.model.fit(values, None, None).unwrap();
+        let evidence = TermEvidence { delta_bic: 99.0, heldout: 9.0, p_value: 0.0, detectability: 99.0 };
+        selection.accepted = vec![Accepted { evidence, rivals: Vec::new() }; 3];
+        are_events(&sums(&selection)[0], &selection)
+    }
+
+    /// Times, durations and sizes of pushes.
+    const PUSHES: [(f64, f64, f64); 3] = [(2.0, 4.0, 0.05), (4.0, 6.0, -0.05), (14.0, 3.0, 0.05)];
+
+    #[test]
+    fn pushes_at_once_are_events_where_they_explain_more_than_turbulence() {
+        let effect = |kind, parameters: &[(&str, f64)]| Effect::new(kind, "roll_rate", parameters).unwrap();
+        let push = |(at_s, duration_s, size)| {
+            effect(Kind::PulseDisturbance, &[("at_s", at_s), ("duration_s", duration_s), ("magnitude", size)])
+        };
+        assert!(likelier(&PUSHES.map(push)));
+        assert!(!likelier(&[effect(Kind::Turbulence, &[("std", 0.3), ("bandwidth_hz", 0.1)])]));
     }
 }

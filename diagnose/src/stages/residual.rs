@@ -52,11 +52,6 @@ impl<'r> Residual<'r> {
             watch.tell("testing for turbulence");
             (beside, turbulence, force) = with_turbulence(&alone, &model, &space);
         }
-        if let Some(beside) = &mut beside {
-            let (other, states) = credibility(baseline, &space, true).without_random_forces(beside);
-            withheld.extend(other);
-            random_forces.extend(states);
-        }
         let chosen = beside.as_ref().unwrap_or(&alone);
         let (mut noise, mut lack) = tested(baseline, chosen, turbulence.is_some());
         if turbulence.is_some() && lack.is_some_and(|lack| lack.is_certain()) {
@@ -89,7 +84,6 @@ impl<'r> Residual<'r> {
         };
         let states = &baseline.vehicle().states;
         random_forces.retain(|state| turbulence.as_ref().is_none_or(|t| states[t.state].name != *state));
-        random_forces.dedup();
         let out_of_library = force.filter(|_| lack.is_some_and(|lack| lack.is_significant()));
         Self {
             selection,
