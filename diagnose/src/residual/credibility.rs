@@ -102,7 +102,7 @@ impl Credibility<'_> {
     pub fn without_random_forces(&self, selection: &mut Selection<'_, '_>) -> (Vec<Withheld>, Vec<String>) {
         let forces = random_forces(selection);
         let why = |state: &str| {
-            format!("with others on {state} that act at the same time, it may be any force of unknown course")
+            format!("with others on {state} that act at the same time, it is no likelier than a random force")
         };
         let dropped =
             forces.iter().flat_map(|force| force.terms.iter().map(|term| (*term, why(&force.state))));

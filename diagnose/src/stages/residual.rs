@@ -42,14 +42,15 @@ impl<'r> Residual<'r> {
     pub fn new(selected: Selected<'r>) -> Self {
         let Selected { baseline, model, selection: mut alone } = selected;
         let space = baseline.space();
-        let (mut withheld, mut random_forces) =
-            credibility(baseline, &space, false).without_random_forces(&mut alone);
         let (mut beside, mut turbulence, mut force) = (None, None, None);
+        let (mut withheld, mut random_forces) = (Vec::new(), Vec::new());
         // A predictor that follows the record already has process noise.
         let follows = baseline.data().memory_s.is_some();
         let watch = space.watch;
         if !baseline.blocked && !follows && !watch.is_stopped() {
             watch.tell("testing for turbulence");
+            (withheld, random_forces) =
+                credibility(baseline, &space, false).without_random_forces(&mut alone);
             (beside, turbulence, force) = with_turbulence(&alone, &model, &space);
         }
         let chosen = beside.as_ref().unwrap_or(&alone);
