@@ -228,6 +228,28 @@ impl Record {
         }
     }
 
+    /// The points of this record and those of another, which follow after a pause of `pause_s` on the same time axis:
+    /// records of one vehicle, one after the other. Signals that this record does not have are left out.
+    ///
+    /// # Errors
+    /// [`SignalError`] when the other record lacks a signal of this one.
+    pub fn followed_by(mut self, next: &Self, pause_s: f64) -> Result<Self, SignalError> {
+        for signal in &mut self.signals {
+            signal.values.extend(&next.signal(&signal.name)?.values);
+        }
+        let begins = next.time.first().copied().unwrap_or(0.0);
+        let end = self.time.last().map_or(begins, |last| last + pause_s);
+        self.time.extend(next.time.iter().map(|t| end + (t - begins)));
+        self.origin = format!("{}, {}", self.origin, next.origin);
+        for mark in &next.missing_marks {
+            match self.missing_marks.iter_mut().find(|own| own.name == mark.name && own.mark == mark.mark) {
+                Some(own) => own.cells += mark.cells,
+                None => self.missing_marks.push(mark.clone()),
+            }
+        }
+        Ok(self)
+    }
+
     /// The `kept` points as a separate record; omitted points leave gaps in its time axis.
     pub fn keep(&self, kept: &[bool]) -> Self {
         fn chosen(values: &[f64], kept: &[bool]) -> Vec<f64> {

@@ -7,6 +7,7 @@ use whirlstand_vehicle::Kind;
 use crate::answer::gains::{Gain, mean_growth};
 use crate::answer::schema::Cause;
 use crate::candidates::Candidate;
+use crate::residual::narrow_band::fastest_pole_hz;
 use crate::stages::findings::Findings;
 use crate::thresholds::{
     AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, EXPLAINED_SHARE, GREATEST_PHYSICAL_FACTOR, RIDER_SHARE, UNIT_RATIOS,
@@ -21,6 +22,8 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
         doubts.extend(at_limits(candidate, &selection.fit.values[selection.model.range(term)]));
     }
     doubts.extend(causes.iter().filter_map(unit));
+    let fastest_hz = fastest_pole_hz(&selection.model.free_run.vehicle);
+    doubts.extend(causes.iter().filter_map(|cause| slow_vibration(cause, fastest_hz)));
     if !causes.is_empty() {
         let (vehicle, data) = (findings.baseline.vehicle(), findings.baseline.data());
         let names = data.channels.iter().map(|c| vehicle.outputs[c.output].name.as_str());
@@ -93,6 +96,21 @@ fn at_limits(candidate: &Candidate, values: &[f64]) -> impl Iterator<Item = Stri
                 number(end)
             )
         })
+    })
+}
+
+/// Doubt about a vibration slower than the vehicle's fastest pole: there the vehicle itself moves, and a tone can be a motion
+/// that the model lacks as well as one of the sensor alone.
+fn slow_vibration(cause: &Cause, fastest_hz: f64) -> Option<String> {
+    let frequency =
+        cause.parameters.get("frequency_hz").filter(|_| cause.effect == Kind::Vibration.name())?;
+    (frequency.value < fastest_hz).then(|| {
+        format!(
+            "the vibration of {} Hz on {} is slower than the vehicle itself, which moves up to {} Hz: it may be a motion that the model lacks",
+            number(frequency.value),
+            cause.place,
+            number(fastest_hz)
+        )
     })
 }
 
@@ -187,6 +205,23 @@ mod tests {
                 .starts_with("delay_s of input_delay on u_roll is at the limit of its allowed range, 2.00")
         );
         assert!(told(1.99).is_empty() && told(0.0).is_empty());
+    }
+
+    #[test]
+    fn a_vibration_slower_than_the_vehicle_is_doubted() {
+        let told = |effect: &str, frequency_hz: f64| {
+            let frequency =
+                cause(effect, frequency_hz - 0.001, frequency_hz + 0.001).parameters["factor"].clone();
+            slow_vibration(
+                &Cause { parameters: [("frequency_hz".into(), frequency)].into(), ..cause(effect, 0.0, 0.0) },
+                0.16,
+            )
+        };
+        let doubt = told("vibration", 0.034).unwrap();
+        assert!(doubt.starts_with("the vibration of 0.0340 Hz on u_roll is slower"), "{doubt}");
+        assert!(doubt.contains("up to 0.160 Hz"), "{doubt}");
+        assert_eq!(told("vibration", 0.17), None, "faster than the vehicle");
+        assert_eq!(told("step_disturbance", 0.034), None, "a force moves the vehicle");
     }
 
     #[test]

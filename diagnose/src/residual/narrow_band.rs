@@ -44,8 +44,7 @@ pub struct NarrowBand {
 pub fn narrow_band(model: &Model<'_, '_>, residual: &[f64]) -> Vec<NarrowBand> {
     let data = model.free_run.data;
     let vehicle = &model.free_run.vehicle;
-    // Where the poles cannot be computed, a bound on their magnitude is used.
-    let fastest = spectral_radius(&vehicle.a).unwrap_or_else(|_| vehicle.a.norm()) / std::f64::consts::TAU;
+    let fastest = fastest_pole_hz(vehicle);
     let channels = data.channels.iter().zip(data.ranges()).enumerate();
     let lines: Vec<NarrowBand> = channels
         .filter(|(_, (channel, _))| vehicle.outputs[channel.output].vibration.is_none())
@@ -64,6 +63,11 @@ pub fn narrow_band(model: &Model<'_, '_>, residual: &[f64]) -> Vec<NarrowBand> {
     // The strongest of each channel comes first.
     found.dedup_by_key(|line| line.channel);
     found
+}
+
+/// Magnitude of the vehicle's fastest pole, Hz; where the poles cannot be computed, a bound on it.
+pub(crate) fn fastest_pole_hz(vehicle: &Vehicle) -> f64 {
+    spectral_radius(&vehicle.a).unwrap_or_else(|_| vehicle.a.norm()) / std::f64::consts::TAU
 }
 
 /// The lines above `lowest_hz`, the strongest first.

@@ -4,7 +4,7 @@ use serde::Serialize;
 use whirlstand_logs::shown::{number, shown};
 use whirlstand_vehicle::Intersample;
 
-use super::flown::Flown;
+use super::flown::{Flown, FlownIn};
 use super::structure::Structure;
 
 /// Schema identifier of [`Draft`].
@@ -15,7 +15,7 @@ pub const DRAFT_SCHEMA: &str = "whirlstand.vehicle_draft.v1";
 pub struct Draft {
     /// Schema identifier, always [`DRAFT_SCHEMA`].
     pub schema: String,
-    /// Path of the log.
+    /// Path of the log, or of several one after the other, with a comma between two.
     pub log: String,
     /// Name of the vehicle.
     pub vehicle: String,
@@ -34,6 +34,9 @@ pub struct Draft {
     pub missing_values: Vec<String>,
     /// The part of the log in which the vehicle flies, where that is not all of it.
     pub flown: Option<Flown>,
+    /// The same for each of several logs.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub flown_in: Vec<FlownIn>,
     /// Path of the vehicle file, if it was written.
     pub vehicle_file: Option<String>,
     /// The text of the vehicle file.
@@ -162,13 +165,18 @@ impl ParameterAnswer {
 }
 
 impl Draft {
+    /// The parts of the logs in which the vehicle flies, as sentences.
+    pub fn parts(&self) -> impl Iterator<Item = String> {
+        self.flown.iter().map(Flown::sentence).chain(self.flown_in.iter().map(FlownIn::sentence))
+    }
+
     /// The draft for the terminal.
     pub fn text(&self) -> String {
         let mut text =
             format!("{}  drafted from {}, steps of {} s\n", self.vehicle, self.log, number(self.period_s));
         let mut row = |head: &str, body: String| text.push_str(&format!("{head:<9} {body}\n"));
-        if let Some(flown) = &self.flown {
-            row("part", flown.sentence());
+        for part in self.parts() {
+            row("part", part);
         }
         for s in &self.signals {
             let from = if s.name == s.source { String::new() } else { format!(" = {}", s.source) };

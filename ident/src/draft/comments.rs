@@ -58,10 +58,10 @@ fn above(text: &mut String, anchor: &str, lines: &[String]) {
 
 fn head(draft: &Draft) -> String {
     let mut lines = vec![format!(
-        "A first vehicle file, drafted from {}. Every number below was estimated from that record.",
+        "A first vehicle file, drafted from {}. Every number below was estimated from it.",
         draft.log
     )];
-    lines.extend(draft.flown.iter().map(|flown| format!("Part of it: {}.", flown.sentence())));
+    lines.extend(draft.parts().map(|part| format!("Part of it: {part}.")));
     lines.push("Predictions of held-out data:".into());
     lines.extend(draft.axes.iter().map(|axis| format!("  {}.", axis.sentence())));
     for left in &draft.left_out {

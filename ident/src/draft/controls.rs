@@ -24,6 +24,8 @@ struct Controls {
     anywhere: &'static [&'static str],
     /// Words that only a number follows, as in `u1`.
     numbered: &'static [&'static str],
+    /// Whole names: deflections of elevator, aileron and rudder (Klein and Morelli, Aircraft System Identification).
+    whole: &'static [&'static str],
 }
 
 impl Controls {
@@ -33,6 +35,7 @@ impl Controls {
         let numbered = matches!(words, [word, number] if self.numbered.contains(&word.as_str())
             && number.bytes().all(|b| b.is_ascii_digit()));
         self.begins.iter().any(|begin| name.starts_with(begin))
+            || self.whole.contains(&name.as_str())
             || numbered
             || words.iter().any(|word| self.anywhere.contains(&word.as_str()))
     }
@@ -44,6 +47,7 @@ const CONTROLS: [Controls; 3] = [
         begins: &["u_", "in_", "cmd", "command", "setpoint", "control_"],
         anywhere: &[],
         numbered: &["u", "input", "control"],
+        whole: &[],
     },
     Controls {
         begins: &["delta_"],
@@ -65,6 +69,7 @@ const CONTROLS: [Controls; 3] = [
             "moment",
         ],
         numbered: &[],
+        whole: &["de", "da", "dr"],
     },
     Controls {
         begins: &[],
@@ -82,6 +87,7 @@ const CONTROLS: [Controls; 3] = [
             "rpm",
         ],
         numbered: &["m", "w", "omega"],
+        whole: &[],
     },
 ];
 
@@ -149,12 +155,17 @@ mod tests {
         for reference in ["rate_sp_roll", "att_sp_q0", "cmd_pitch_rate", "desired_yaw_rate_cmd"] {
             assert_eq!(group(reference, None), Some(CONTROLS.len()), "{reference}");
         }
-        for acting in ["torque_sp_roll", "att_sp_thrust_z", "elevator_angle_cmd", "motor_speed_sp"] {
+        for acting in ["torque_sp_roll", "att_sp_thrust_z", "elevator_angle_cmd", "motor_speed_sp", "de"] {
             assert_eq!(group(acting, None), Some(1), "{acting}");
         }
         assert_eq!(
-            [group("motor_0", None), group("motor_0", Some("A")), group("roll_rate", None)],
-            [Some(2), None, None]
+            [
+                group("motor_0", None),
+                group("motor_0", Some("A")),
+                group("roll_rate", None),
+                group("angle_de", None)
+            ],
+            [Some(2), None, None, None]
         );
     }
 }

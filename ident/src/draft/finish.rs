@@ -35,8 +35,8 @@ pub struct Names {
     pub time: Option<String>,
     /// Name of the vehicle; by default that of the log without its extension.
     pub vehicle: Option<String>,
-    /// SHA-256 of the log, for the file's provenance; empty for none.
-    pub sha256: String,
+    /// SHA-256 of each log, for the file's provenance; empty for none.
+    pub sha256: Vec<String>,
 }
 
 /// Combines the axes and writes the text of the vehicle file.
@@ -44,15 +44,14 @@ pub struct Names {
 /// # Errors
 /// [`DraftError`], when the vehicle or its file does not hold together, which means a mistake in this room.
 pub fn finish(
-    log: &str,
-    names: &Names,
-    Flight { record, flown }: Flight<'_>,
+    (logs, names): (&[String], &Names),
+    Flight { record, flown }: &Flight,
     (fitted, mixer): (&[(Link, Axis)], Option<&Mixer>),
     angles: &[Chosen],
     mut left_out: Vec<LeftOut>,
 ) -> Result<Draft, DraftError> {
     let axes: Vec<Axis> = fitted.iter().map(|(_, axis)| axis.clone()).collect();
-    let name = model_name(log, names.vehicle.as_deref());
+    let name = model_name(logs.first().map_or("", String::as_str), names.vehicle.as_deref());
     let angles = integrals(record, &name, (&axes, mixer), angles, &mut left_out)?;
     let own: Vec<Angle> = angles.iter().map(|(_, a)| a.clone()).collect();
     let Composed { mut vehicle, origins } = compose(&name, &axes, &own, mixer)?;
@@ -66,14 +65,14 @@ pub fn finish(
     vehicle.map = named.map(|c| (c.name.clone(), c.source.clone())).collect();
     vehicle.map.extend(names.time.iter().map(|column| ("t".to_string(), column.clone())));
     limits_and_noise(&mut vehicle, record, &used);
-    vehicle.provenance = provenance(log, names);
+    vehicle.provenance = provenance(logs, names);
     let period_s = axes.first().map_or(0.0, |axis| axis.pair.period_s);
     if record.is_finer_than(period_s) {
         vehicle.provenance.push((FIT_PERIOD.into(), period_s.to_string()));
     }
     let mut draft = Draft {
         schema: DRAFT_SCHEMA.into(),
-        log: log.into(),
+        log: logs.join(", "),
         vehicle: name,
         period_s,
         axes: answers(&vehicle, &origins, fitted),
@@ -84,7 +83,8 @@ pub fn finish(
             .collect(),
         left_out,
         missing_values: record.missing_marks().iter().map(ToString::to_string).collect(),
-        flown,
+        flown: flown.first().filter(|_| logs.len() == 1).map(|flown| flown.part),
+        flown_in: if logs.len() == 1 { Vec::new() } else { flown.clone() },
         vehicle_file: None,
         toml: String::new(),
     };
@@ -154,7 +154,7 @@ fn limits_and_noise(vehicle: &mut Vehicle, record: &Record, used: &[&Chosen]) {
     }
 }
 
-fn provenance(log: &str, names: &Names) -> Vec<(String, String)> {
+fn provenance(logs: &[String], names: &Names) -> Vec<(String, String)> {
     let mut all = vec![
         ("program".to_string(), format!("whirlstand {}", env!("CARGO_PKG_VERSION"))),
         ("command".into(), "vehicle new".into()),
@@ -162,10 +162,10 @@ fn provenance(log: &str, names: &Names) -> Vec<(String, String)> {
         ("noise".into(), "kalman".into()),
         (FORCES.into(), WANDERING.into()),
         (SENSOR_NOISE.into(), ESTIMATED_IN_MOTION.into()),
-        ("log_1".into(), log.to_string()),
     ];
-    if !names.sha256.is_empty() {
-        all.push(("log_1_sha256".into(), names.sha256.clone()));
+    for (k, log) in logs.iter().enumerate() {
+        all.push((format!("log_{}", k + 1), log.clone()));
+        all.extend(names.sha256.get(k).map(|sha256| (format!("log_{}_sha256", k + 1), sha256.clone())));
     }
     all
 }

@@ -1,7 +1,7 @@
 //! The part of a record in which a vehicle flies: a log begins and ends on the ground, with the motors off.
 
 use serde::Serialize;
-use whirlstand_logs::Record;
+use whirlstand_logs::{Record, SignalError};
 
 use super::proposal::Chosen;
 
@@ -49,12 +49,16 @@ impl Flown {
             .filter(|_| length > 0.5 * (ends - begins))
     }
 
-    /// The part in a sentence, with what `identify` and `diagnose` need to use the same.
+    /// The part in a sentence, as a part of the log with what `identify` and `diagnose` need to use the same.
     pub fn sentence(&self) -> String {
+        format!("{}; give identify and diagnose the same", self.in_words())
+    }
+
+    fn in_words(&self) -> String {
         let end = |flag: &str, at: Option<f64>| at.map(|at| format!(" --{flag} {at:.2}")).unwrap_or_default();
         format!(
             "the motors are off at the {} of the log, and the ground moves what takes off or lands: used without it, as \
-             with{}{}; give identify and diagnose the same",
+             with{}{}",
             match (self.from_s, self.to_s) {
                 (Some(_), Some(_)) => "beginning and end",
                 (Some(_), None) => "beginning",
@@ -63,6 +67,23 @@ impl Flown {
             end("from", self.from_s),
             end("to", self.to_s)
         )
+    }
+}
+
+/// The part of one of several logs in which the vehicle flies.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FlownIn {
+    /// Path of the log.
+    pub log: String,
+    /// The part of it.
+    #[serde(flatten)]
+    pub part: Flown,
+}
+
+impl FlownIn {
+    /// The part in a sentence. It is another in each log, which one `--from` cannot say.
+    pub fn sentence(&self) -> String {
+        format!("{}: {}; cut the log there for identify and diagnose", self.log, self.part.in_words())
     }
 }
 
@@ -87,13 +108,39 @@ impl Rest {
     }
 }
 
-/// The record of a flight, and the part of the log that it is.
-#[derive(Clone, Copy)]
-pub struct Flight<'r> {
-    /// Samples of that part.
-    pub record: &'r Record,
-    /// The part, where it is not the whole log.
-    pub flown: Option<Flown>,
+/// The record of one flight or of several, and the parts of the logs that they are.
+pub struct Flight {
+    /// Samples of the parts, those of one log after those of another.
+    pub record: Record,
+    /// The parts, where they are not the whole logs.
+    pub flown: Vec<FlownIn>,
+}
+
+impl Flight {
+    /// Puts the flights of several logs one after the other, without what lies before take-off and after landing, unless that
+    /// end was `chosen`. The pause between two is as long as all flights together: no band of an input reaches
+    /// over it, so that no prediction continues from one log into the next. `None` without a log.
+    ///
+    /// # Errors
+    /// When a log lacks a signal of the first.
+    pub fn of(
+        records: Vec<Record>,
+        inputs: &[Chosen],
+        chosen: (bool, bool),
+    ) -> Result<Option<Self>, SignalError> {
+        let mut flown = Vec::new();
+        let parts = records.into_iter().map(|record| match Flown::find(&record, inputs, chosen) {
+            Some(part) => {
+                flown.push(FlownIn { log: record.origin.clone(), part });
+                record.between(part.from_s.unwrap_or(f64::NEG_INFINITY), part.to_s.unwrap_or(f64::INFINITY))
+            }
+            None => record,
+        });
+        let parts: Vec<Record> = parts.collect();
+        let pause_s = parts.iter().map(Record::duration).sum();
+        let joined = parts.into_iter().map(Ok).reduce(|all, next| all?.followed_by(&next?, pause_s));
+        Ok(joined.transpose()?.map(|record| Self { record, flown }))
+    }
 }
 
 #[cfg(test)]
@@ -125,5 +172,23 @@ mod tests {
         assert_eq!(found(&flight(0.0, 0.0), (false, false)), Some((None, Some(16.0))), "it begins in flight");
         // An experiment that begins and ends with the input in the middle of its range is no flight between two rests.
         assert_eq!(found(&flight(3.0, 0.5), (false, false)), None);
+    }
+
+    #[test]
+    fn several_flights_follow_each_other_without_the_ground_between_them() {
+        let input = Chosen { name: "u".into(), source: "u".into(), interval_s: None, why: String::new() };
+        let records = vec![flight(3.0, 0.0), flight(0.0, 0.5), flight(0.0, 0.0)];
+        let all = Flight::of(records, &[input], (false, false)).unwrap().unwrap();
+        // 12 s of the first, all 20 s of the second, 16 s of the third, and pauses as long as all of them.
+        assert!((all.record.duration() - 3.0 * 48.0).abs() < 0.1, "{}", all.record.duration());
+        let parts: Vec<(bool, bool)> =
+            all.flown.iter().map(|f| (f.part.from_s.is_some(), f.part.to_s.is_some())).collect();
+        assert_eq!(parts, [(true, true), (false, true)]);
+        assert!(
+            all.flown[0].sentence().contains("x: the motors are off at the beginning and end"),
+            "{}",
+            all.flown[0].sentence()
+        );
+        assert!(Flight::of(Vec::new(), &[], (false, false)).unwrap().is_none());
     }
 }

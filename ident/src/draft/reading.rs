@@ -22,7 +22,7 @@ pub struct Opened {
 ///
 /// # Errors
 /// [`DraftError::Read`].
-pub fn open(path: &Path, time: Option<&str>) -> Result<Opened, DraftError> {
+fn open(path: &Path, time: Option<&str>) -> Result<Opened, DraftError> {
     let io = |source| AnyReadError::Io { path: path.into(), source };
     let table = match kind(path).map_err(io)? {
         Kind::Csv => true,
@@ -40,6 +40,23 @@ pub fn open(path: &Path, time: Option<&str>) -> Result<Opened, DraftError> {
         return Ok(Opened { offered: record.signals().iter().map(one).collect(), clocks: false });
     }
     Ok(Opened { offered: signals_of(&info(path)?), clocks: true })
+}
+
+/// Lists the signals of the first of several logs of one vehicle, with their largest values in all of them.
+///
+/// # Errors
+/// [`DraftError::Read`].
+pub fn open_all<P: AsRef<Path>>(paths: &[P], time: Option<&str>) -> Result<Opened, DraftError> {
+    let mut logs = paths.iter().map(|path| open(path.as_ref(), time));
+    let mut first = logs.next().unwrap_or(Ok(Opened { offered: Vec::new(), clocks: false }))?;
+    for other in logs {
+        let other = other?;
+        for signal in &mut first.offered {
+            let same = other.offered.iter().find(|o| o.name == signal.name);
+            signal.largest = signal.largest.into_iter().chain(same.and_then(|o| o.largest)).reduce(f64::max);
+        }
+    }
+    Ok(first)
 }
 
 /// The signals of all topics.

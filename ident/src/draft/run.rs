@@ -2,19 +2,19 @@
 
 use std::path::Path;
 
-use whirlstand_logs::Record;
+use whirlstand_logs::{AnyReadError, Record};
 use whirlstand_vehicle::Intersample;
 
 use super::answer::{Draft, LeftOut};
 use super::compose::Axis;
 use super::error::DraftError;
 use super::finish::{Names, finish};
-use super::flown::{Flight, Flown};
+use super::flown::Flight;
 use super::intersample::likelier;
 use super::mixer::Mixer;
 use super::own_past::{compare, takes_away};
 use super::proposal::{Chosen, Proposal, propose, rate_of};
-use super::reading::{open, read_chosen};
+use super::reading::{open_all, read_chosen};
 use super::select::answers_the_input;
 use super::structure::{Actuators, Signals};
 use super::survey::{Link, check_motors, fast_enough, link, moves, or_too_slow};
@@ -27,26 +27,27 @@ const LONGEST_STEP_S: f64 = 0.008;
 /// Number of steps above which a record is resampled to longer ones.
 const MANY_STEPS: f64 = 6000.0;
 
-/// Drafts a vehicle from the part of a log between two times, s of its clock. `observe` receives the progress
-/// as text.
+/// Drafts a vehicle from the part of one log, or of each of several, between two times, s of its clock. `observe`
+/// receives the progress as text.
 ///
 /// # Errors
 /// [`DraftError`], as a full sentence with the remedy.
-pub fn draft(
-    path: &Path,
+pub fn draft<P: AsRef<Path>>(
+    paths: &[P],
     names: &Names,
     part: (Option<f64>, Option<f64>),
     observe: &(dyn Fn(&str) + Sync),
 ) -> Result<Draft, DraftError> {
-    let log = path.display().to_string();
+    let logs: Vec<String> = paths.iter().map(|path| path.as_ref().display().to_string()).collect();
+    let log = logs.join(", ");
     observe("looking for inputs and outputs");
     let time = names.time.as_deref();
-    let opened = open(path, time)?;
+    let opened = open_all(paths, time)?;
     let mut proposal = propose(&log, &opened.offered, opened.clocks, &names.choice)?;
     if names.choice.outputs.is_empty() {
         in_degrees(&mut proposal.outputs, &opened.offered);
     }
-    let made = |proposal: &Proposal| from_proposal(path, (&log, names), proposal, part, observe);
+    let made = |proposal: &Proposal| from_proposal(paths, (&logs, names), proposal, part, observe);
     let found = made(&proposal);
     let unexplained = matches!(
         found,
@@ -63,9 +64,9 @@ pub fn draft(
 }
 
 /// Drafts a vehicle with the first inputs of a proposal that explain its outputs.
-fn from_proposal(
-    path: &Path,
-    (log, names): (&str, &Names),
+fn from_proposal<P: AsRef<Path>>(
+    paths: &[P],
+    (logs, names): (&[String], &Names),
     proposal: &Proposal,
     part: (Option<f64>, Option<f64>),
     observe: &(dyn Fn(&str) + Sync),
@@ -74,20 +75,17 @@ fn from_proposal(
     let mut refused = None;
     for group in &proposal.inputs {
         let chosen: Vec<&Chosen> = group.iter().chain(&proposal.outputs).chain(&proposal.motors).collect();
-        let record = read_chosen(path, &chosen, time, part)?;
-        let inputs: Vec<Chosen> = group.iter().filter(|c| moves(&record, c)).cloned().collect();
+        let records = paths.iter().map(|path| read_chosen(path.as_ref(), &chosen, time, part));
+        let records: Vec<Record> = records.collect::<Result<_, _>>()?;
+        let moving = |input: &&Chosen| records.iter().any(|record| moves(record, input));
+        let inputs: Vec<Chosen> = group.iter().filter(moving).cloned().collect();
         if inputs.is_empty() {
             continue;
         }
-        let flown = Flown::find(&record, &inputs, (part.0.is_some(), part.1.is_some()));
-        let record = match flown {
-            Some(Flown { from_s, to_s }) => {
-                record.between(from_s.unwrap_or(f64::NEG_INFINITY), to_s.unwrap_or(f64::INFINITY))
-            }
-            None => record,
-        };
-        let flight = Flight { record: &record, flown };
-        match from_inputs(log, names, proposal, (inputs, flight), observe) {
+        let ends_chosen = (part.0.is_some(), part.1.is_some());
+        let flight = Flight::of(records, &inputs, ends_chosen).map_err(AnyReadError::from)?;
+        let Some(flight) = flight else { continue };
+        match from_inputs((logs, names), proposal, (inputs, &flight), observe) {
             // A log may hold what was asked of the vehicle and what its motors did: where one explains nothing, the
             // other may. The first refusal is told, as it is about the inputs that were proposed first.
             Err(
@@ -101,18 +99,18 @@ fn from_proposal(
         }
     }
     let still: Vec<&str> = proposal.inputs.iter().flatten().map(|c| c.source.as_str()).collect();
-    Err(refused.unwrap_or_else(|| DraftError::InputsAtRest { log: log.into(), inputs: still.join(", ") }))
+    Err(refused
+        .unwrap_or_else(|| DraftError::InputsAtRest { log: logs.join(", "), inputs: still.join(", ") }))
 }
 
 /// Drafts a vehicle that is driven by some inputs of the proposal.
 fn from_inputs(
-    log: &str,
-    names: &Names,
+    (logs, names): (&[String], &Names),
     proposal: &Proposal,
-    (inputs, flight): (Vec<Chosen>, Flight<'_>),
+    (inputs, flight): (Vec<Chosen>, &Flight),
     observe: &(dyn Fn(&str) + Sync),
 ) -> Result<Draft, DraftError> {
-    let record = flight.record;
+    let record = &flight.record;
     check_motors(record, &proposal.motors, &inputs)?;
     let (angles, outputs): (Vec<Chosen>, Vec<Chosen>) =
         proposal.outputs.iter().cloned().partition(|o| is_integral(o, &proposal.outputs));
@@ -135,9 +133,9 @@ fn from_inputs(
     let axes = axes(&even, &links, (mixer.is_some(), own_steps), &mut left_out, observe)?;
     if axes.is_empty() {
         let found = left_out.iter().map(|l| format!("{}: {}", l.output, l.why)).collect::<Vec<_>>();
-        return Err(refused(DraftError::NoStructure { log: log.into(), found: found.join("; ") }));
+        return Err(refused(DraftError::NoStructure { log: logs.join(", "), found: found.join("; ") }));
     }
-    finish(log, names, flight, (&axes, mixer.as_ref()), &angles, left_out)
+    finish((logs, names), flight, (&axes, mixer.as_ref()), &angles, left_out)
 }
 
 /// True for an angle whose rate is among the outputs.

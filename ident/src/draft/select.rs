@@ -125,19 +125,25 @@ fn sigma(fit: &Fit, i: usize) -> f64 {
     fit.covariance[(i, i)].max(0.0).sqrt()
 }
 
-/// True when every delay and lag is determined and more than two standard errors from zero.
+/// True when every delay and lag is determined, more than two standard errors from zero, and above its lower bound: one that
+/// rests there would be less (Self and Liang 1987).
 fn effects_show(tried: &Tried) -> bool {
     let fit = &tried.fit;
-    let shows = |i: usize| fit.theta[i] > 2.0 * sigma(fit, i);
+    let shows = |i: usize, p: &Parameter| fit.theta[i] > (2.0 * sigma(fit, i)).max(p.lower + bound_margin(p));
     let of_effect = |p: &Parameter| matches!(p.target, Target::Effect(..));
     fit.fixed.iter().all(|f| !of_effect(&f.parameter))
-        && fit.problem.parameters.iter().enumerate().all(|(i, p)| !of_effect(p) || shows(i))
+        && fit.problem.parameters.iter().enumerate().all(|(i, p)| !of_effect(p) || shows(i, p))
+}
+
+/// Distance to a bound within which a value rests there.
+fn bound_margin(parameter: &Parameter) -> f64 {
+    1e-6 * (parameter.upper - parameter.lower)
 }
 
 /// True when every entry of the matrices is away from its bounds.
 fn within_bounds(tried: &Tried) -> bool {
     let inside = |(p, value): (&Parameter, &f64)| {
-        let margin = 1e-6 * (p.upper - p.lower);
+        let margin = bound_margin(p);
         !matches!(p.target, Target::Entry(..)) || (p.lower + margin..=p.upper - margin).contains(value)
     };
     tried.fit.problem.parameters.iter().zip(&tried.fit.theta).all(inside)

@@ -152,7 +152,7 @@ fn is_smooth(values: &[f64]) -> bool {
 
 /// What to do where the rows of a record are so far apart that its times are probably in a smaller unit than seconds.
 fn unit_remark(record: &Record) -> String {
-    let step_s = record.duration() / (record.len().max(2) - 1) as f64;
+    let step_s = record.period().unwrap_or(0.0);
     if step_s < LEAST_STRANGE_STEP_S {
         return String::new();
     }
@@ -181,7 +181,7 @@ pub fn link(
     if all.is_empty() {
         return Err(DraftError::TooShort {
             log: record.origin.clone(),
-            seconds: record.duration(),
+            seconds: record.len() as f64 * record.period().unwrap_or(0.0),
             steps: record.len(),
             needed: least_steps(),
         });

@@ -95,12 +95,14 @@ pub(crate) enum LogCommand {
 #[command(after_help = "Examples:\n  \
     whirlstand vehicle new flight.ulg --output mine.toml\n  \
     whirlstand vehicle new log.csv --input in_lat --measure 'roll_rate=wx[deg/s]'\n  \
+    whirlstand vehicle new roll_1.csv roll_2.csv roll_3.csv --output mine.toml\n  \
     whirlstand identify flight.ulg --vehicle mine.toml\n\n\
     --output names the file; outputs of the vehicle are chosen with --measure. The file contains the log's signal \
     names, so no --map is needed.")]
 pub(crate) struct VehicleNewArgs {
-    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox.
-    pub log: PathBuf,
+    /// MCAP, CSV, PX4 ULog, ArduPilot DataFlash or Betaflight blackbox; several flights of one vehicle count together.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
     /// Vehicle file to write; without it, the file is printed.
     #[arg(long, value_name = "V.toml")]
     pub output: Option<PathBuf>,

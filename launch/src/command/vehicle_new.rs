@@ -25,11 +25,11 @@ pub(crate) fn vehicle_new(args: &VehicleNewArgs) -> Result<(), Failure> {
         choice: Choice { inputs: args.input.clone(), outputs: args.measure.clone() },
         time: args.time.clone(),
         vehicle: stem.map(|stem| stem.to_string_lossy().into_owned()),
-        sha256: hash(&args.log)?,
+        sha256: args.logs.iter().map(|log| hash(log)).collect::<Result<_, _>>()?,
     };
     let line = StageLine::new("vehicle new", None);
     let listener = line.listener();
-    let answer = draft(&args.log, &names, (args.from, args.to), &|what: &str| {
+    let answer = draft(&args.logs, &names, (args.from, args.to), &|what: &str| {
         listener(Stage { what, detail: "", share: None });
     });
     line.finish();

@@ -7,6 +7,7 @@ use whirlstand_vehicle::{Matrix, Simulator, Target, Vehicle};
 
 use super::{Draft, DraftError, Names, draft};
 
+mod several;
 mod tables;
 
 const PERIOD_S: f64 = 0.01;
@@ -57,7 +58,7 @@ fn effect(kind: &str, parameter: &str, value: f64) -> String {
 
 fn drafted(model: &str) -> Draft {
     let dir = tempfile::tempdir().unwrap();
-    draft(&flight(&dir, model, true), &Names::default(), (None, None), &|_| ()).unwrap()
+    draft(&[flight(&dir, model, true)], &Names::default(), (None, None), &|_| ()).unwrap()
 }
 
 fn parameter(draft: &Draft, name: &str) -> f64 {
@@ -88,7 +89,7 @@ fn an_output_that_stands_still_is_left_out_as_such() {
     let mut csv = format!("{},pitch_rate[rad/s]\n", lines.next().unwrap());
     lines.for_each(|line| csv.push_str(&format!("{line},0\n")));
     std::fs::write(&path, csv).unwrap();
-    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
     let left_out: Vec<_> = found.left_out.iter().map(|l| (l.output.as_str(), l.why.as_str())).collect();
     assert_eq!(left_out, [("pitch_rate", "it does not change")]);
 }
@@ -122,7 +123,7 @@ fn a_motion_that_rings_is_of_second_order() {
 fn actuators_that_do_nothing_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let path = flight(&dir, SECOND, false);
-    let error = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err();
+    let error = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap_err();
     assert!(matches!(error, DraftError::Unexplained { .. }), "{error}");
     assert!(error.to_string().contains("the record shows no effect of the actuators"), "{error}");
 }
@@ -159,7 +160,7 @@ fn unstable(dir: &tempfile::TempDir, growth: f64) -> PathBuf {
 fn an_unstable_axis_is_drafted_with_its_motor() {
     let dir = tempfile::tempdir().unwrap();
     for (growth, within) in [(3.0, 2.4..3.6), (12.0, 9.0..10.0 + 1e-9)] {
-        let found = draft(&unstable(&dir, growth), &Names::default(), (None, None), &|_| ()).unwrap();
+        let found = draft(&[unstable(&dir, growth)], &Names::default(), (None, None), &|_| ()).unwrap();
         assert!(found.axes[0].structure.lag, "{growth}: {}", found.text());
         assert!(within.contains(&parameter(&found, "A[1,1]")), "{growth}: {}", found.text());
         let lag_s = parameter(&found, "actuator_lag");
@@ -183,7 +184,7 @@ fn lost_samples_are_no_end_of_a_record() {
     let gappy = dir.path().join("gappy.csv");
     std::fs::write(&gappy, kept.collect::<Vec<_>>().join("\n")).unwrap();
     for path in [path, gappy] {
-        let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+        let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
         // Averaged to coarser steps, a lost sample may leave a pole as fast as those beside the true one.
         let vehicle = Vehicle::parse(&found.toml, "true.toml").unwrap();
         let slowest = vehicle.poles().unwrap()[0].re;
@@ -226,13 +227,13 @@ fn in_gusts(dir: &tempfile::TempDir, acting: bool, seed: u64) -> PathBuf {
 #[test]
 fn an_input_that_acts_in_gusts_is_told_from_one_that_does_not() {
     let dir = tempfile::tempdir().unwrap();
-    let found = draft(&in_gusts(&dir, true, 51), &Names::default(), (None, None), &|_| ()).unwrap();
+    let found = draft(&[in_gusts(&dir, true, 51)], &Names::default(), (None, None), &|_| ()).unwrap();
     let held_out = &found.axes[0].heldout;
     assert!(held_out.completed_fit > held_out.own_past_fit.max(held_out.fit), "{}", found.text());
     assert!(found.axes[0].structure.lag, "{}", found.text());
     assert!((54.0..66.0).contains(&parameter(&found, "B[1,1]")), "{}", found.text());
     assert!((0.05..0.075).contains(&parameter(&found, "actuator_lag")), "{}", found.text());
-    let error = draft(&in_gusts(&dir, false, 51), &Names::default(), (None, None), &|_| ()).unwrap_err();
+    let error = draft(&[in_gusts(&dir, false, 51)], &Names::default(), (None, None), &|_| ()).unwrap_err();
     assert!(matches!(error, DraftError::Unexplained { .. }), "{error}");
 }
 
@@ -267,12 +268,12 @@ fn under_a_swinging_load(dir: &tempfile::TempDir, acting: bool) -> PathBuf {
 fn an_input_that_mostly_cancels_a_disturbance_acts() {
     let dir = tempfile::tempdir().unwrap();
     let path = under_a_swinging_load(&dir, true);
-    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
     let axis = &found.axes[0];
     assert!(axis.structure.lag || axis.structure.delay, "{}", found.text());
     assert!((30.0..90.0).contains(&parameter(&found, "B[1,1]")), "{}", found.text());
     let path = under_a_swinging_load(&dir, false);
-    let error = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err();
+    let error = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap_err();
     assert!(matches!(error, DraftError::Unexplained { .. }), "{error}");
 }
 
@@ -316,7 +317,7 @@ fn quadrotor(dir: &tempfile::TempDir) -> PathBuf {
 #[test]
 fn rotors_of_a_quadrotor_drive_its_axes_together() {
     let dir = tempfile::tempdir().unwrap();
-    let found = draft(&quadrotor(&dir), &Names::default(), (None, None), &|_| ()).unwrap();
+    let found = draft(&[quadrotor(&dir)], &Names::default(), (None, None), &|_| ()).unwrap();
     assert_eq!(found.axes.len(), 3, "{}", found.text());
     let vehicle = Vehicle::parse(&found.toml, "crazyflie.toml").unwrap();
     assert_eq!(vehicle.inputs.len(), 4, "{}", found.toml);
@@ -350,7 +351,7 @@ fn inputs_that_explain_nothing_are_followed_by_the_next() {
         k => format!("{line},{}\n", idle[(k - 1) / 40 * 40]),
     });
     std::fs::write(&path, extended.collect::<String>()).unwrap();
-    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
     let inputs: Vec<&str> = found.axes.iter().map(|axis| axis.input.as_str()).collect();
     assert!(inputs.len() == 3 && inputs.iter().all(|input| input.contains("motor")), "{}", found.text());
 }

@@ -22,7 +22,7 @@ fn table(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> (tempfile::TempD
 
 fn refusal(value: impl Fn(usize) -> (f64, f64), period_s: f64) -> String {
     let (_dir, path) = table(value, period_s);
-    draft(&path, &Names::default(), (None, None), &|_| ()).unwrap_err().to_string()
+    draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap_err().to_string()
 }
 
 #[test]
@@ -40,9 +40,9 @@ fn rest_and_slow_logs_are_refused_with_the_reason() {
     let (_dir, path) = table(|k| (b[k], a[k]), 0.01);
     let names =
         Names { choice: Choice { inputs: vec!["u_rol".into()], outputs: Vec::new() }, ..Names::default() };
-    let error = draft(&path, &names, (None, None), &|_| ()).unwrap_err().to_string();
+    let error = draft(&[&path], &names, (None, None), &|_| ()).unwrap_err().to_string();
     assert!(error.contains("--input u_rol: the log has no signal"), "{error}");
-    let short = draft(&path, &Names::default(), (Some(0.0), Some(1.0)), &|_| ()).unwrap_err().to_string();
+    let short = draft(&[&path], &Names::default(), (Some(0.0), Some(1.0)), &|_| ()).unwrap_err().to_string();
     assert!(short.contains("too short"), "{short}");
 }
 
@@ -60,7 +60,7 @@ fn a_quiet_record_has_no_lag_that_does_not_exist() {
         })
         .collect();
     let (_dir, path) = table(|k| rows[k], 0.01);
-    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
     assert_eq!(found.axes[0].words, "first order", "{}", found.text());
     let (pole, gain) = (parameter(&found, "A[1,1]"), parameter(&found, "B[1,1]"));
     assert!((pole + 4.0).abs() < 0.02 && (gain - 4.0).abs() < 0.02, "{}", found.text());
@@ -80,7 +80,7 @@ fn held_commands_and_slow_vehicles_are_not_logged_too_slowly() {
             })
             .collect();
         let (_dir, path) = table(|k| rows[k], period_s);
-        let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+        let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
         assert_eq!(found.axes[0].intersample, "zoh", "{}", found.text());
         assert!((parameter(&found, "A[1,1]") / pole - 1.0).abs() < 0.1, "{}", found.text());
         assert!((parameter(&found, "B[1,1]") / (-3.0 * pole) - 1.0).abs() < 0.1, "{}", found.text());
@@ -107,7 +107,7 @@ fn an_input_that_moves_between_its_samples_is_told() {
         })
         .collect();
     let (_dir, path) = table(|k| rows[k], period_s);
-    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
     assert_eq!(
         (found.axes[0].intersample, found.axes[0].words.as_str()),
         ("foh", "first order"),
@@ -141,7 +141,7 @@ fn an_angle_is_modelled_where_its_rate_is_not() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("stand.csv");
     std::fs::write(&path, csv).unwrap();
-    let found = draft(&path, &Names::default(), (None, None), &|_| ()).unwrap();
+    let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
     assert_eq!(found.axes[0].output, "pitch", "{}", found.text());
     assert!(found.toml.contains("\"pitch[deg]\""), "{}", found.toml);
     let left_out = &found.left_out[0];
