@@ -13,33 +13,41 @@ use crate::model::columns::{Column, Slot, Sparse, dot};
 use crate::model::fit::{Effort, Fit, Model};
 use crate::model::noise::Noise;
 use crate::model::optimum::ModelError;
-use crate::thresholds::{DESCENT_LIMITS, FIT_TOLERANCE};
+use crate::model::secant::{Sensitivities, along, foretold};
+use crate::thresholds::{BROUGHT_ALONG_FROM, DESCENT_LIMITS, FIT_TOLERANCE, FORETOLD_SHARE};
 
 impl Model<'_, '_> {
-    /// Searches the optimum. The sensitivities of the last step are kept where all of them were computed;
-    /// where those to the initial state were given, there are none.
+    /// Searches the optimum. `nearby` are sensitivities of a model nearby to the first values, at least to the initial
+    /// state. The sensitivities of the last step are kept where all of them were computed; where some were given, there
+    /// are none.
     pub(super) fn search(
         &self,
         start: Vec<f64>,
         noise: Option<&Noise>,
-        initial: Option<&[Column]>,
+        nearby: Option<&[Column]>,
         effort: Effort,
     ) -> Result<Fit, ModelError> {
         let data = self.free_run.data;
         let (outer, inner) = effort.rounds();
         let slots = self.slots();
+        let (initial, own) = nearby.map(|columns| columns.split_at(self.states())).unzip();
+        let brings = slots.len() - self.states() >= BROUGHT_ALONG_FROM;
         let values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
         let mut evaluation = Evaluation::new(self, values)?;
+        if let Some(own) = own.filter(|own| brings && !own.is_empty()) {
+            evaluation.begin_with(own, self, &slots)?;
+        }
         let again =
             |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
         let mut profile = again(&evaluation.residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
         let mut descent = Descent::new(self, slots, inner);
         // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
-        // model are orthogonal to the residual: each further round has its own.
+        // model are orthogonal to the residual: further rounds have their own.
         let mut exact: Option<Vec<Column>> = None;
         for round in 0..outer {
-            if round > 0 && initial.is_some() {
+            let renewed = round > 0 && initial.is_some() && (exact.is_none() || !brings);
+            if renewed {
                 exact = Some(evaluation.initial_columns(self)?);
             }
             evaluation = descent.lowest(evaluation, &used, exact.as_deref().or(initial))?;
@@ -49,11 +57,18 @@ impl Model<'_, '_> {
             profile = next;
             used = profile.noise.clone();
             let settled = same || gain.abs() < FIT_TOLERANCE;
-            if settled && (initial.is_none() || exact.is_some()) || self.free_run.is_stopped() {
+            if self.free_run.is_stopped() {
                 break;
             }
+            // The last round is one with sensitivities of its own.
+            if settled && !evaluation.sharpen() && (initial.is_none() || renewed) {
+                break;
+            }
+            if settled {
+                exact = None;
+            }
         }
-        let columns = if initial.is_none() { evaluation.columns() } else { Vec::new() };
+        let columns = if nearby.is_none() { evaluation.columns() } else { Vec::new() };
         let Evaluation { values, predicted, residual, .. } = evaluation;
         Ok(Fit { values, predicted, residual, profile, columns })
     }
@@ -77,9 +92,9 @@ struct Evaluation {
     pub predicted: Vec<f64>,
     /// Measured minus predicted, with gaps filled.
     pub residual: Vec<f64>,
-    /// Sensitivities that were computed here, or so near that they are the same: to the parameters, and to the initial
-    /// state where it was not given. Another noise model does not change them.
-    sensitivities: Option<Arc<Vec<Column>>>,
+    /// Sensitivities that were computed here, or so near that they are the same, or brought along: to the parameters, and to
+    /// the initial state where it was not given. Another noise model does not change them.
+    sensitivities: Option<Sensitivities>,
 }
 
 impl Evaluation {
@@ -89,6 +104,24 @@ impl Evaluation {
         Ok(Self { values, predicted, residual, sensitivities: None })
     }
 
+    /// Begins with sensitivities of a model nearby to the first parameters after the initial state.
+    pub fn begin_with(
+        &mut self,
+        own: &[Column],
+        model: &Model<'_, '_>,
+        slots: &[Slot],
+    ) -> Result<(), ModelError> {
+        let further = model.own_columns(own.len(), &self.values, &self.predicted, slots)?;
+        let columns = own.iter().cloned().chain(further.into_iter().map(Arc::new));
+        self.sensitivities = Some(Sensitivities { columns: Arc::new(columns.collect()), exact: false });
+        Ok(())
+    }
+
+    /// Drops sensitivities that were not computed here; true if there were any.
+    pub fn sharpen(&mut self) -> bool {
+        self.sensitivities.take_if(|known| !known.exact).is_some()
+    }
+
     /// Sensitivities to the initial state.
     pub fn initial_columns(&self, model: &Model<'_, '_>) -> Result<Vec<Column>, ModelError> {
         let (vehicle, initial) = (model.vehicle(&self.values)?, &self.values[..model.states()]);
@@ -96,9 +129,10 @@ impl Evaluation {
         Ok(columns.into_iter().map(Arc::new).collect())
     }
 
-    /// The sensitivities that are known here; empty where none are.
+    /// The sensitivities that were computed here; empty where none were.
     pub fn columns(&self) -> Vec<Column> {
-        self.sensitivities.as_deref().cloned().unwrap_or_default()
+        let exact = self.sensitivities.iter().find(|known| known.exact);
+        exact.map(|known| known.columns.to_vec()).unwrap_or_default()
     }
 }
 
@@ -128,19 +162,20 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
         let white = noise.whiten(self.model.free_run.data, &start.residual);
         let known = initial.map(|columns| whitened(noise, self.model.free_run.data, columns));
         let known = known.map(|white| (white.products(), white));
-        let objective = Objective { descent: self, noise, known };
+        let objective = Objective { descent: self, noise, initial: initial.unwrap_or_default(), known };
         let start = Iterate {
             objective: &objective,
             cost: 0.5 * dot(&white, &white),
             evaluation: start,
             white,
+            information: Vec::new(),
             failure: None,
         };
         let (lowest, outcome) = search(
             start,
             &self.bounds,
             self.limits,
-            |from, to, _| from.next(to),
+            |from, to, step| from.next(to, step.as_slice()),
             |_, _| ControlFlow::Continue(()),
         );
         let Iterate { evaluation, failure, .. } = lowest;
@@ -154,6 +189,8 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
 struct Objective<'g, 'm, 'r, 'd> {
     descent: &'g Descent<'m, 'r, 'd>,
     noise: &'g Noise,
+    /// Sensitivities to the initial state, where they are given.
+    initial: &'g [Column],
     /// The given sensitivities, whitened, and their products.
     known: Option<(DMatrix<f64>, Sparse)>,
 }
@@ -165,30 +202,64 @@ struct Iterate<'w, 'g, 'm, 'r, 'd> {
     /// The whitened residual.
     white: Vec<f64>,
     cost: f64,
+    /// Information on each parameter whose sensitivity is not given; empty before the derivatives.
+    information: Vec<f64>,
     failure: Option<ModelError>,
 }
 
 impl Iterate<'_, '_, '_, '_, '_> {
-    fn next(&self, to: &[f64]) -> Option<Self> {
+    fn next(&self, to: &[f64], step: &[f64]) -> Option<Self> {
         let Objective { descent, noise, .. } = self.objective;
         let mut evaluation = Evaluation::new(descent.model, to.to_vec()).ok()?;
         let white = noise.whiten(descent.model.free_run.data, &evaluation.residual);
         let cost = 0.5 * dot(&white, &white);
         if (0.0..0.5 * FIT_TOLERANCE).contains(&(self.cost - cost)) {
             evaluation.sensitivities.clone_from(&self.evaluation.sensitivities);
+        } else if cost < self.cost {
+            evaluation.sensitivities = self.brought_along(step, &evaluation.predicted);
         }
-        Some(Self { objective: self.objective, evaluation, white, cost, failure: None })
+        Some(Self {
+            objective: self.objective,
+            evaluation,
+            white,
+            cost,
+            information: Vec::new(),
+            failure: None,
+        })
+    }
+
+    /// The sensitivities at the end of a step, where those here foretell most of what it changes.
+    fn brought_along(&self, step: &[f64], predicted: &[f64]) -> Option<Sensitivities> {
+        let Objective { descent, noise, initial, .. } = self.objective;
+        let data = descent.model.free_run.data;
+        let own = &self.evaluation.sensitivities.as_ref()?.columns;
+        if own.len() < BROUGHT_ALONG_FROM || self.information.len() != own.len() {
+            return None;
+        }
+        let foretold = foretold(initial.iter().chain(own.iter()), step, predicted.len());
+        let changed = predicted.iter().zip(&self.evaluation.predicted).map(|(after, before)| after - before);
+        let unforetold: Vec<f64> =
+            changed.zip(&foretold).map(|(change, foretold)| change - foretold).collect();
+        let size = |samples: &[f64]| {
+            let white = noise.whiten(data, &data.filled(samples));
+            dot(&white, &white).sqrt()
+        };
+        (size(&unforetold) < FORETOLD_SHARE * size(&foretold)).then(|| {
+            let own_step = &step[step.len() - own.len()..];
+            let columns = along(own, own_step, &self.information, &unforetold, &data.ranges());
+            Sensitivities { columns: Arc::new(columns), exact: false }
+        })
     }
 
     fn sensitivities(&mut self) -> Result<Arc<Vec<Column>>, ModelError> {
         if let Some(known) = &self.evaluation.sensitivities {
-            return Ok(Arc::clone(known));
+            return Ok(Arc::clone(&known.columns));
         }
         let Objective { descent: Descent { model, slots, .. }, known, .. } = self.objective;
         let Evaluation { values, predicted, .. } = &self.evaluation;
         let given = known.is_some().then_some(&[][..]);
         let columns = Arc::new(model.columns(values, predicted, slots, given)?);
-        self.evaluation.sensitivities = Some(Arc::clone(&columns));
+        self.evaluation.sensitivities = Some(Sensitivities { columns: Arc::clone(&columns), exact: true });
         Ok(columns)
     }
 }
@@ -205,12 +276,19 @@ impl Point for Iterate<'_, '_, '_, '_, '_> {
     fn derivatives(&mut self) -> Option<Derivatives> {
         let columns = self.sensitivities().map_err(|failure| self.failure = Some(failure)).ok()?;
         let own = whitened(self.objective.noise, self.objective.descent.model.free_run.data, &columns);
-        Some(match &self.objective.known {
+        let derivatives = match &self.objective.known {
             Some((products, known)) => bordered(known, products, &own, &self.white),
             None => {
                 Derivatives { information: own.products(), right: DVector::from_vec(own.dots(&self.white)) }
             }
-        })
+        };
+        let diagonal = derivatives.information.diagonal();
+        self.information = diagonal.as_slice()[diagonal.len() - columns.len()..].to_vec();
+        Some(derivatives)
+    }
+
+    fn sharpen(&mut self) -> bool {
+        self.evaluation.sharpen()
     }
 }
 

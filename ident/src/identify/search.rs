@@ -13,9 +13,14 @@ pub trait Point {
     fn position(&self) -> &[f64];
     /// The cost at this point.
     fn cost(&self) -> f64;
-    /// Derivatives of the cost at this point, requested once, where the search continues from it. `None`
-    /// where they do not exist: the search ends there.
+    /// Derivatives of the cost at this point, where the search continues from it. `None` where they do not exist: the
+    /// search ends there.
     fn derivatives(&mut self) -> Option<Derivatives>;
+    /// True where the derivatives here were approximate and will be exact when they are asked for again: where no step led
+    /// lower, or none is left.
+    fn sharpen(&mut self) -> bool {
+        false
+    }
 }
 
 /// Derivatives of a cost.
@@ -83,7 +88,7 @@ pub fn search<P: Point>(
     let mut point = start;
     let mut outcome = Outcome { damping: limits.damping, ..Outcome::default() };
     let mut growth = 2.0;
-    while outcome.iterations < limits.iterations {
+    'steps: while outcome.iterations < limits.iterations {
         outcome.iterations += 1;
         if observe(outcome.iterations, point.cost()).is_break() {
             break;
@@ -100,6 +105,9 @@ pub fn search<P: Point>(
             let length = step.dot(&curved).max(0.0).sqrt();
             ahead = ahead.min(length * (1.0 + outcome.damping));
             if length < limits.tolerance {
+                if point.sharpen() {
+                    continue 'steps;
+                }
                 // A step that is short only because of its damping is no sign of a minimum.
                 outcome.converged = ahead < NEAR;
                 return (point, outcome);
@@ -121,6 +129,9 @@ pub fn search<P: Point>(
                 }
                 stepped = true;
                 break;
+            }
+            if point.sharpen() {
+                continue 'steps;
             }
             outcome.damping *= growth;
             growth *= 2.0;

@@ -3,8 +3,6 @@
 
 use std::ops::Range;
 
-use whirlstand_linalg::spectral_radius;
-
 use super::combinations::Combinations;
 use super::disturbances::Disturbances;
 use super::inputs::{Chain, Delay};
@@ -53,7 +51,7 @@ impl Extended {
         let mut nonlinear = Nonlinear::new(effects, combinations.all[0].system.n, neutral.len());
         if let Some(nonlinear) = &mut nonlinear {
             for (a, _) in combinations.all.iter().flat_map(|one| &one.system.stages) {
-                nonlinear.fastest = nonlinear.fastest.max(spectral_radius(a)?);
+                nonlinear.follow(a)?;
             }
         }
         let levels = nonlinear.as_ref().map_or(1, Nonlinear::levels);

@@ -5,6 +5,7 @@ mod blocks;
 mod composition;
 mod discretisation;
 mod free;
+mod short_lags;
 mod support;
 mod units;
 mod vehicle_file;
