@@ -78,6 +78,6 @@ mod tests {
     #[test]
     fn a_step_of_nothing_changes_nothing() {
         let columns = [vec![1.0, 2.0]].map(Arc::new);
-        assert_eq!(along(&columns, &[0.0], &[1.0], &[0.3, 0.3], &[0..2]), columns);
+        assert_eq!(along(&columns, &[0.0], &[1.0], &[0.3, 0.3], &[0..1, 1..2]), columns);
     }
 }
