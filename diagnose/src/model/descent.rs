@@ -17,37 +17,32 @@ use crate::model::secant::{Sensitivities, along, foretold};
 use crate::thresholds::{BROUGHT_ALONG_FROM, DESCENT_LIMITS, FIT_TOLERANCE, FORETOLD_SHARE};
 
 impl Model<'_, '_> {
-    /// Searches the optimum. `nearby` are sensitivities of a model nearby to the first values, at least to the initial
-    /// state. The sensitivities of the last step are kept where all of them were computed; where some were given, there
-    /// are none.
+    /// Searches the optimum. The sensitivities of the last step are kept where all of them were computed;
+    /// where those to the initial state were given, there are none.
     pub(super) fn search(
         &self,
         start: Vec<f64>,
         noise: Option<&Noise>,
-        nearby: Option<&[Column]>,
+        initial: Option<&[Column]>,
         effort: Effort,
     ) -> Result<Fit, ModelError> {
         let data = self.free_run.data;
         let (outer, inner) = effort.rounds();
         let slots = self.slots();
-        let (initial, own) = nearby.map(|columns| columns.split_at(self.states())).unzip();
-        let brings = slots.len() - self.states() >= BROUGHT_ALONG_FROM;
         let values: Vec<f64> = start.iter().zip(&slots).map(|(v, s)| v.clamp(s.lower, s.upper)).collect();
         let mut evaluation = Evaluation::new(self, values)?;
-        if let Some(own) = own.filter(|own| brings && !own.is_empty()) {
-            evaluation.begin_with(own, self, &slots)?;
-        }
         let again =
             |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
         let mut profile = again(&evaluation.residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
-        let mut descent = Descent::new(self, slots, inner);
+        // Of a few steps, each has to be as good as it can be.
+        let brings = effort == Effort::Full && slots.len() - self.states() >= BROUGHT_ALONG_FROM;
+        let mut descent = Descent::new(self, slots, inner, brings);
         // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
-        // model are orthogonal to the residual: further rounds have their own.
+        // model are orthogonal to the residual: each further round has its own.
         let mut exact: Option<Vec<Column>> = None;
         for round in 0..outer {
-            let renewed = round > 0 && initial.is_some() && (exact.is_none() || !brings);
-            if renewed {
+            if round > 0 && initial.is_some() {
                 exact = Some(evaluation.initial_columns(self)?);
             }
             evaluation = descent.lowest(evaluation, &used, exact.as_deref().or(initial))?;
@@ -57,18 +52,11 @@ impl Model<'_, '_> {
             profile = next;
             used = profile.noise.clone();
             let settled = same || gain.abs() < FIT_TOLERANCE;
-            if self.free_run.is_stopped() {
+            if settled && (initial.is_none() || exact.is_some()) || self.free_run.is_stopped() {
                 break;
-            }
-            // The last round is one with sensitivities of its own.
-            if settled && !evaluation.sharpen() && (initial.is_none() || renewed) {
-                break;
-            }
-            if settled {
-                exact = None;
             }
         }
-        let columns = if nearby.is_none() { evaluation.columns() } else { Vec::new() };
+        let columns = if initial.is_none() { evaluation.columns() } else { Vec::new() };
         let Evaluation { values, predicted, residual, .. } = evaluation;
         Ok(Fit { values, predicted, residual, profile, columns })
     }
@@ -104,24 +92,6 @@ impl Evaluation {
         Ok(Self { values, predicted, residual, sensitivities: None })
     }
 
-    /// Begins with sensitivities of a model nearby to the first parameters after the initial state.
-    pub fn begin_with(
-        &mut self,
-        own: &[Column],
-        model: &Model<'_, '_>,
-        slots: &[Slot],
-    ) -> Result<(), ModelError> {
-        let further = model.own_columns(own.len(), &self.values, &self.predicted, slots)?;
-        let columns = own.iter().cloned().chain(further.into_iter().map(Arc::new));
-        self.sensitivities = Some(Sensitivities { columns: Arc::new(columns.collect()), exact: false });
-        Ok(())
-    }
-
-    /// Drops sensitivities that were not computed here; true if there were any.
-    pub fn sharpen(&mut self) -> bool {
-        self.sensitivities.take_if(|known| !known.exact).is_some()
-    }
-
     /// Sensitivities to the initial state.
     pub fn initial_columns(&self, model: &Model<'_, '_>) -> Result<Vec<Column>, ModelError> {
         let (vehicle, initial) = (model.vehicle(&self.values)?, &self.values[..model.states()]);
@@ -142,13 +112,15 @@ struct Descent<'m, 'r, 'd> {
     slots: Vec<Slot>,
     bounds: Vec<(f64, f64)>,
     limits: Limits,
+    /// Whether sensitivities are brought along from step to step.
+    brings: bool,
 }
 
 impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
     /// Descents of at most `steps` steps each.
-    pub fn new(model: &'m Model<'r, 'd>, slots: Vec<Slot>, steps: usize) -> Self {
+    pub fn new(model: &'m Model<'r, 'd>, slots: Vec<Slot>, steps: usize, brings: bool) -> Self {
         let bounds = slots.iter().map(|s| (s.lower, s.upper)).collect();
-        Self { model, slots, bounds, limits: Limits { iterations: steps, ..DESCENT_LIMITS } }
+        Self { model, slots, bounds, limits: Limits { iterations: steps, ..DESCENT_LIMITS }, brings }
     }
 
     /// The evaluation of the lowest cost that is reached from `start` under `noise`. `initial` are sensitivities to
@@ -233,7 +205,7 @@ impl Iterate<'_, '_, '_, '_, '_> {
         let Objective { descent, noise, initial, .. } = self.objective;
         let data = descent.model.free_run.data;
         let own = &self.evaluation.sensitivities.as_ref()?.columns;
-        if own.len() < BROUGHT_ALONG_FROM || self.information.len() != own.len() {
+        if !descent.brings || self.information.len() != own.len() {
             return None;
         }
         let foretold = foretold(initial.iter().chain(own.iter()), step, predicted.len());
@@ -288,7 +260,7 @@ impl Point for Iterate<'_, '_, '_, '_, '_> {
     }
 
     fn sharpen(&mut self) -> bool {
-        self.evaluation.sharpen()
+        self.evaluation.sensitivities.take_if(|known| !known.exact).is_some()
     }
 }
 

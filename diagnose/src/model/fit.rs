@@ -107,8 +107,8 @@ impl<'r, 'd> Model<'r, 'd> {
         self.free_run.run_vehicle(&self.vehicle(values)?, &values[..self.states()])
     }
 
-    /// Fits all values to the optimum, alternating with the noise model. `nearby` are sensitivities of a model nearby to
-    /// the first values, at least to the initial state, with which the search begins: the result does not depend on them.
+    /// Fits all values to the optimum, alternating with the noise model. `initial` are sensitivities to the
+    /// initial state from a model nearby, with which the search begins: the result does not depend on them.
     ///
     /// # Errors
     /// When the start, or a point next to it, cannot be simulated.
@@ -116,11 +116,10 @@ impl<'r, 'd> Model<'r, 'd> {
         &self,
         start: Vec<f64>,
         noise: Option<&Noise>,
-        nearby: Option<&[Column]>,
+        initial: Option<&[Column]>,
     ) -> Result<Fit, ModelError> {
-        let fit = self.search(start, noise, nearby, Effort::Full)?;
+        let fit = self.search(start, noise, initial, Effort::Full)?;
         if fit.columns.is_empty() {
-            let initial = nearby.map(|columns| &columns[..self.states()]);
             let columns = self.columns(&fit.values, &fit.predicted, &self.slots(), initial)?;
             return Ok(Fit { columns, ..fit });
         }
@@ -135,15 +134,15 @@ impl<'r, 'd> Model<'r, 'd> {
         &self,
         start: Vec<f64>,
         noise: Option<&Noise>,
-        nearby: Option<&[Column]>,
+        initial: Option<&[Column]>,
         effort: Effort,
     ) -> Result<Optimum, ModelError> {
-        let Fit { values, profile, .. } = self.search(start, noise, nearby, effort)?;
+        let Fit { values, profile, .. } = self.search(start, noise, initial, effort)?;
         Ok(Optimum { values, profile })
     }
 
-    /// The fit at an optimum: predictions, residual and sensitivities are computed again. `initial` are those of a
-    /// model nearby to the initial state.
+    /// The fit at an optimum: predictions, residual and sensitivities are computed again. `initial` as in
+    /// [`Model::fit`].
     ///
     /// # Errors
     /// As [`Model::fit`].

@@ -34,7 +34,7 @@ struct Within {
 impl Model<'_, '_> {
     /// The optimum as by [`Model::optimum`], beside a `fit` at its optimum of the same model with or without a term.
     /// `others` are the values in that fit of all parameters of this model; those of parts on which the `changed` term
-    /// does not act stay. `nearby` as in [`Model::fit`].
+    /// does not act stay. `initial` as in [`Model::fit`].
     ///
     /// # Errors
     /// As [`Model::optimum`].
@@ -43,26 +43,26 @@ impl Model<'_, '_> {
         fit: &Fit,
         changed: (&Candidate, &[f64]),
         (start, others): (&[f64], Vec<f64>),
-        nearby: Option<&[Column]>,
+        initial: Option<&[Column]>,
         effort: Effort,
     ) -> Result<Optimum, ModelError> {
         let noise = fit.profile.noise.shared();
         let within = if noise.is_none() { self.within(changed, start) } else { None };
-        let Some(within) = within else { return self.optimum(start.to_vec(), noise, nearby, effort) };
+        let Some(within) = within else { return self.optimum(start.to_vec(), noise, initial, effort) };
         let free_run = self.free_run.of_part(&within.part);
         let model = within.model(&free_run);
-        let nearby = nearby.map(|columns| -> Vec<Column> {
-            let known = within.values.iter().map_while(|i| columns.get(*i));
-            known.map(|column| Arc::new(within.samples(column))).collect()
+        let initial = initial.map(|columns| -> Vec<Column> {
+            let states = &within.values[..model.states()];
+            states.iter().map(|i| Arc::new(within.samples(&columns[*i]))).collect()
         });
         let own = within.own(start);
         // The fit beside which it starts may have other values, and other sensitivities with them.
         let beside = within.own(&others);
-        let variant = u8::from(nearby.is_some()) + 2 * u8::from(effort == Effort::Full);
+        let variant = u8::from(initial.is_some()) + 2 * u8::from(effort == Effort::Full);
         let found = within.part.fits.once(
             Start::new(own.iter().chain(&beside), variant),
             (model.free, &model.terms),
-            || model.optimum(own, None, nearby.as_deref(), effort),
+            || model.optimum(own, None, initial.as_deref(), effort),
         )?;
         let mut values = others;
         within.values.iter().zip(&found.values).for_each(|(i, value)| values[*i] = *value);

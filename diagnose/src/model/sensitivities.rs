@@ -45,27 +45,23 @@ impl Model<'_, '_> {
                 columns.into_iter().map(Arc::new).collect()
             }
         };
-        columns.extend(self.own_columns(0, values, centre, slots)?.into_iter().map(Arc::new));
+        columns.extend(self.own_columns(values, centre, slots)?.into_iter().map(Arc::new));
         Ok(columns)
     }
 
-    /// Sensitivities to the parameters after the initial state, from the one of this index on.
+    /// Sensitivities to the parameters after the initial state.
     pub(super) fn own_columns(
         &self,
-        from: usize,
         values: &[f64],
         centre: &[f64],
         slots: &[Slot],
     ) -> Result<Vec<Vec<f64>>, ModelError> {
         let reached = self.reached(values)?;
-        let groups = groups(&reached[from..]);
-        let of = |members: &Vec<usize>| {
-            let members: Vec<usize> = members.iter().map(|own| from + own).collect();
-            self.columns_of(&members, &reached, (values, centre, slots))
-        };
+        let groups = groups(&reached);
+        let of = |members: &Vec<usize>| self.columns_of(members, &reached, (values, centre, slots));
         let found: Vec<Vec<(usize, Vec<f64>)>> = groups.par_iter().map(of).collect::<Result<_, _>>()?;
-        let mut columns = vec![Vec::new(); reached.len() - from];
-        found.into_iter().flatten().for_each(|(own, column)| columns[own - from] = column);
+        let mut columns = vec![Vec::new(); reached.len()];
+        found.into_iter().flatten().for_each(|(own, column)| columns[own] = column);
         Ok(columns)
     }
 
@@ -258,7 +254,7 @@ mod tests {
         values.extend(free.iter().map(|f| vehicle.free_value(&f.target)));
         let centre = model.predict(&values).unwrap();
         let slots = model.slots();
-        let together = model.own_columns(0, &values, &centre, &slots).unwrap();
+        let together = model.own_columns(&values, &centre, &slots).unwrap();
         let whole = vec![Set::MAX; free.len()];
         for (own, column) in together.iter().enumerate() {
             let alone = model.columns_of(&[own], &whole, (&values, &centre, &slots)).unwrap();

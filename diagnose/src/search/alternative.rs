@@ -86,10 +86,10 @@ pub fn joined(
     extended.terms.push(candidate.clone());
     // Another mode answers to its initial state in another way from the first step on.
     let nearby = candidate.kind != Kind::ModeTransition;
-    let nearby = nearby.then_some(fit.columns.as_slice());
+    let initial = nearby.then(|| &fit.columns[..model.states()]);
     let own = &values[values.len() - candidate.tunables.len()..];
     let others = [&fit.values, own].concat();
-    let result = extended.optimum_beside(fit, (candidate, own), (&values, others), nearby, effort).ok()?;
+    let result = extended.optimum_beside(fit, (candidate, own), (&values, others), initial, effort).ok()?;
     let delta_bic = fit.profile.bic(0) - result.profile.bic(candidate.tunables.len());
     let ratio = 2.0 * (result.profile.log_likelihood - fit.profile.log_likelihood);
     let beside = model.terms.clone();

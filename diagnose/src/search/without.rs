@@ -18,11 +18,10 @@ pub fn without<'r, 'd>(
     reduced.terms.remove(term);
     let mut values = fit.values.clone();
     let own: Vec<f64> = values.drain(range).collect();
-    let mut nearby = fit.columns.clone();
-    nearby.drain(model.range(term));
+    let initial = &fit.columns[..model.states()];
     let changed = (&model.terms[term], own.as_slice());
     let optimum =
-        reduced.optimum_beside(fit, changed, (&values, values.clone()), Some(&nearby), Effort::Full)?;
+        reduced.optimum_beside(fit, changed, (&values, values.clone()), Some(initial), Effort::Full)?;
     let without = reduced.at_beside(fit, changed, at, &optimum)?;
     Ok((reduced, without))
 }

@@ -16,8 +16,8 @@ pub trait Point {
     /// Derivatives of the cost at this point, where the search continues from it. `None` where they do not exist: the
     /// search ends there.
     fn derivatives(&mut self) -> Option<Derivatives>;
-    /// True where the derivatives here were approximate and will be exact when they are asked for again: where no step led
-    /// lower, or none is left.
+    /// True where the derivatives here were approximate and will be exact when they are asked for again. A search ends, and
+    /// damps its steps, only with exact ones.
     fn sharpen(&mut self) -> bool {
         false
     }
@@ -106,6 +106,8 @@ pub fn search<P: Point>(
             ahead = ahead.min(length * (1.0 + outcome.damping));
             if length < limits.tolerance {
                 if point.sharpen() {
+                    outcome.iterations -= 1;
+                    outcome.damping = outcome.damping.min(limits.damping);
                     continue 'steps;
                 }
                 // A step that is short only because of its damping is no sign of a minimum.
@@ -123,7 +125,7 @@ pub fn search<P: Point>(
                 outcome.damping = (outcome.damping * change).max(1e-12);
                 growth = 2.0;
                 point = next;
-                if gain < limits.gain {
+                if gain < limits.gain && !point.sharpen() {
                     outcome.converged = true;
                     return (point, outcome);
                 }
@@ -131,6 +133,8 @@ pub fn search<P: Point>(
                 break;
             }
             if point.sharpen() {
+                outcome.iterations -= 1;
+                outcome.damping = outcome.damping.min(limits.damping);
                 continue 'steps;
             }
             outcome.damping *= growth;
