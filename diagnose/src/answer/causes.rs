@@ -14,12 +14,13 @@ use crate::residual::narrow_band::{self, NarrowBand};
 use crate::residual::turbulence::Turbulence;
 use crate::search::selection::Accepted;
 use crate::stages::findings::{Findings, estimates};
-use crate::thresholds::RIVAL_BIC;
+use crate::thresholds::{RIDER_SHARE, RIVAL_BIC};
 
 /// Note of every random cause: it has no realisation that a simulation could reproduce.
 const RANDOM: &str = "the simulation can match the flight statistically, but not sample by sample";
 
-/// All causes, those of the largest gain first.
+/// All causes, those of the largest gain first, and last the rounding of a log where it is next to nothing: every sample
+/// proves it, but it explains no motion.
 pub(crate) fn causes(findings: &Findings<'_>) -> Vec<Cause> {
     let residual = &findings.residual;
     let accepted = residual.selection.accepted.iter().enumerate();
@@ -29,7 +30,12 @@ pub(crate) fn causes(findings: &Findings<'_>) -> Vec<Cause> {
     all.extend(residual.turbulence.iter().map(|t| turbulence_cause(findings, t)));
     all.extend(residual.narrow_band.iter().map(|line| narrow_band_cause(findings, line)));
     all.extend(residual.noise.iter().map(|(channel, noise)| noise_cause(findings, *channel, noise)));
-    all.sort_by(|a, b| b.evidence.delta_bic.total_cmp(&a.evidence.delta_bic));
+    let is_fine = |cause: &Cause| {
+        cause.effect == Kind::Quantization.name() && cause.evidence.share_of_residual < RIDER_SHARE
+    };
+    all.sort_by(|a, b| {
+        is_fine(a).cmp(&is_fine(b)).then(b.evidence.delta_bic.total_cmp(&a.evidence.delta_bic))
+    });
     all.iter_mut().for_each(|cause| fill_units(cause, findings.baseline.vehicle()));
     all
 }
@@ -208,7 +214,7 @@ fn sample_cause(findings: &Findings<'_>, effect: &SampleEffect) -> Cause {
             // Every such sample would be a coincidence of continuous values without the effect.
             delta_bic: effect.samples as f64 * n.ln(),
             heldout_gain_sigma: (effect.samples as f64).sqrt(),
-            share_of_residual: effect.samples as f64 / n,
+            share_of_residual: rounding(findings, effect).unwrap_or(effect.samples as f64 / n),
             p_value: 0.0,
             detectability: effect.samples as f64 * n.ln(),
         },
@@ -217,9 +223,32 @@ fn sample_cause(findings: &Findings<'_>, effect: &SampleEffect) -> Cause {
     }
 }
 
+/// Share of rounding in the residual's power: a twelfth of the squared step in each sample (Bennett 1948); `None` for other
+/// effects on samples, which are left out of the residual.
+fn rounding(findings: &Findings<'_>, effect: &SampleEffect) -> Option<f64> {
+    let (step, ..) = *effect.parameters.get("step").filter(|_| effect.kind == Kind::Quantization)?;
+    let rounded = findings.baseline.data().channels[effect.channel].values.len() as f64 * step * step / 12.0;
+    let output = findings.baseline.data().channels[effect.channel].output;
+    let noise = findings.baseline.sizes.noise[output].max(f64::MIN_POSITIVE);
+    let all = scaled_power(findings, &findings.residual.selection.fit.predicted);
+    Some(if all > 0.0 { (rounded / (noise * noise) / all).min(1.0) } else { 1.0 })
+}
+
+/// Power of what predictions leave, each channel in units of its noise.
+fn scaled_power(findings: &Findings<'_>, predicted: &[f64]) -> f64 {
+    let data = findings.baseline.data();
+    let residual = data.residual(predicted);
+    let ranges = data.ranges().into_iter().enumerate();
+    ranges
+        .map(|(c, range)| {
+            let noise = findings.baseline.sizes.noise[data.channels[c].output].max(f64::MIN_POSITIVE);
+            dot(&residual[range.clone()], &residual[range]) / (noise * noise)
+        })
+        .sum()
+}
+
 /// Reduction of the residual's power beyond the noise when a term is added to all others, as a share.
 fn share(findings: &Findings<'_>, term: usize) -> f64 {
-    let data = findings.baseline.data();
     let selection = &findings.residual.selection;
     let model = &selection.model;
     let mut others = model.clone();
@@ -227,17 +256,7 @@ fn share(findings: &Findings<'_>, term: usize) -> f64 {
     let mut values = selection.fit.values.clone();
     values.drain(model.range(term));
     let Ok(without) = others.predict(&values) else { return 0.0 };
-    let scaled = |predicted: &[f64]| -> f64 {
-        let residual = data.residual(predicted);
-        let ranges = data.ranges().into_iter().enumerate();
-        ranges
-            .map(|(c, range)| {
-                let output = data.channels[c].output;
-                let noise = findings.baseline.sizes.noise[output].max(f64::MIN_POSITIVE);
-                dot(&residual[range.clone()], &residual[range]) / (noise * noise)
-            })
-            .sum()
-    };
-    let (before, after) = (scaled(&without), scaled(&selection.fit.predicted));
+    let (before, after) =
+        (scaled_power(findings, &without), scaled_power(findings, &selection.fit.predicted));
     if before > 0.0 { (1.0 - after / before).clamp(0.0, 1.0) } else { 0.0 }
 }

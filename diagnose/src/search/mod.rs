@@ -9,6 +9,7 @@ mod merge;
 pub mod refit;
 pub mod select;
 pub mod selection;
+mod settle;
 pub mod survey;
 pub mod survey_cache;
 mod survey_order;

@@ -1,24 +1,19 @@
-//! Stepwise selection of causes: added one by one, exchanged for better ones, removed when the others
-//! suffice.
+//! Stepwise selection of causes: added one by one, exchanged for better ones, then settled.
 
-use crate::thresholds::{
-    FOUND_AGAIN_SHARE, MAX_EXCHANGES, MAX_GUSTS, MIN_BIC_GAIN, OVERSHADOWED_BIC, RIDER_SHARE,
-};
+use crate::thresholds::{MAX_GUSTS, MIN_BIC_GAIN, OVERSHADOWED_BIC};
 use whirlstand_vehicle::Kind;
 
 use crate::candidates::library::Candidate;
-use crate::data::record::Data;
-use crate::model::fit::{Effort, Fit, Model};
+use crate::model::fit::{Fit, Model};
 use crate::model::noise::Noise;
 use crate::model::optimum::ModelError;
-use crate::search::acceptance::{Decision, Rival, TermEvidence, decide, rivals};
-use crate::search::agreement::{Contradicted, contradicted};
-use crate::search::alternative::{Alternative, SearchSpace, fitted, joined};
-use crate::search::equivalence::{is_twin, lead, simpler, single, yields};
-use crate::search::merge::merged;
-use crate::search::selection::{Accepted, Refused, Selection};
+use crate::search::acceptance::{Decision, decide};
+use crate::search::alternative::{Alternative, SearchSpace};
+use crate::search::equivalence::lead;
+use crate::search::selection::{Refused, Selection};
+use crate::search::settle::{Search, own_alternative};
 use crate::search::survey::survey;
-use crate::search::survey_cache::{SurveyCache, Surveyed};
+use crate::search::survey_cache::SurveyCache;
 use crate::search::without::without;
 
 /// Searches for causes, beginning with the given terms; under one noise model for all channels, when one is
@@ -48,17 +43,6 @@ pub fn select<'r, 'd>(
     }
     let accepted = search.settle()?;
     Ok(Selection { model: search.model, fit: search.fit, null, accepted, refused: search.refused })
-}
-
-/// State of a search: the model with the terms accepted so far.
-struct Search<'r, 'd, 's> {
-    model: Model<'r, 'd>,
-    fit: Fit,
-    space: &'s SearchSpace<'s>,
-    surveys: SurveyCache,
-    /// Largest number of candidates tested at once, for which probabilities are corrected.
-    hypotheses: usize,
-    refused: Vec<Refused>,
 }
 
 impl Search<'_, '_, '_> {
@@ -132,180 +116,6 @@ impl Search<'_, '_, '_> {
         }
         self.refused.push(Refused::new(alternative, why));
     }
-
-    /// Tests every term beside all others, exchanges it where a rival is better, and drops it where the
-    /// others suffice; repeats after every change. Returns the evidence of the remaining terms.
-    fn settle(&mut self) -> Result<Vec<Accepted>, ModelError> {
-        let mut accepted = Vec::new();
-        let mut exchanges = 0;
-        // Rivals for which a term was dropped: a survey beside other terms may not have fitted them.
-        let mut contested: Vec<Rival> = Vec::new();
-        while accepted.len() < self.model.terms.len() {
-            let term = accepted.len();
-            let (reduced, rest) = without(&self.model, &self.fit, term)?;
-            let own = own_alternative(&reduced, &rest, &self.model, &self.fit, term);
-            let evidence = own.as_ref().and_then(|own| self.evidence(&reduced, &rest, own));
-            let (Some(own), Some(evidence)) = (own, evidence) else {
-                (self.model, self.fit) = (reduced, rest);
-                accepted.clear();
-                continue;
-            };
-            let mut known = Vec::new();
-            if !self.space.watch.is_stopped() {
-                known = self.surveys.known(&reduced, &rest, self.space);
-                let missing = contested.iter().filter(|r| {
-                    !known.iter().any(|k| k.values.is_some() && k.candidate.name() == r.candidate.name())
-                });
-                let fitted = missing.filter_map(|r| in_its_place(&reduced, &rest, &own, r));
-                let fitted: Vec<Surveyed> = fitted.map(|alternative| Surveyed::from(&alternative)).collect();
-                known.extend(fitted);
-            }
-            let rivals = rivals(&reduced, &rest, &own, &known);
-            let data = self.model.free_run.data;
-            let better = rivals
-                .iter()
-                .find(|r| yields((own.candidate.kind, own.delta_bic), r.candidate.kind, r.gap, data))
-                .filter(|_| exchanges < MAX_EXCHANGES)
-                .and_then(|rival| in_its_place(&reduced, &rest, &own, rival))
-                .filter(|t| self.evidence(&reduced, &rest, t).is_some());
-            if let Some(better) = better.and_then(|better| better.whole(&reduced, &rest)) {
-                exchanges += 1;
-                (self.model, self.fit) = better;
-                accepted.clear();
-                continue;
-            }
-            // An undetermined rival does not explain as much.
-            let determined = |r: &&Rival| {
-                let fitted = in_its_place(&reduced, &rest, &own, r);
-                let decision = fitted.map(|t| decide(&reduced, &rest, &t, self.hypotheses));
-                !matches!(decision, Some(Decision::Undetermined(_)))
-            };
-            // Of two causes that a short record cannot distinguish, either is named if it is the only cause;
-            // beside another cause, a second one is less likely a priori than none.
-            let alone = self.model.terms.len() == 1;
-            // A twin that is as good as the preferred one says nothing against it.
-            let excluding = |r: &&Rival| {
-                let twin =
-                    is_twin((r.candidate.kind, own.delta_bic - r.gap), own.candidate.kind, -r.gap, data);
-                !twin && if alone { r.excludes() } else { r.is_as_good() }
-            };
-            if let Some(rival) = rivals.iter().filter(excluding).find(determined) {
-                let why = format!(
-                    "{} explains as much with a different signature (gains in BIC differ by {:.1}, similarity of signatures {:.2})",
-                    rival.candidate.name(),
-                    rival.gap.abs(),
-                    rival.kappa
-                );
-                contested.push(rival.clone());
-                self.refused.insert(0, Refused { contested: true, ..Refused::new(own, why) });
-                (self.model, self.fit) = (reduced, rest);
-                accepted.clear();
-                continue;
-            }
-            accepted.push(Accepted { evidence, rivals });
-            if accepted.len() == self.model.terms.len()
-                && exchanges < MAX_EXCHANGES
-                && let Some((model, fit)) = merged(&self.model, &self.fit, self.space, self.hypotheses)?
-            {
-                exchanges += 1;
-                (self.model, self.fit) = (model, fit);
-                accepted.clear();
-                continue;
-            }
-            if accepted.len() == self.model.terms.len()
-                && let Some(rider) = rider(&accepted, self.model.free_run.data)
-            {
-                (self.model, self.fit) = without(&self.model, &self.fit, rider)?;
-                accepted.clear();
-            }
-            // While it was in the model, it kept others from explaining the noise that it stands for.
-            if accepted.len() == self.model.terms.len()
-                && let Some(Contradicted { term, why }) = contradicted(&self.model, &self.fit)
-            {
-                let (reduced, rest) = without(&self.model, &self.fit, term)?;
-                if let Some(own) = own_alternative(&reduced, &rest, &self.model, &self.fit, term) {
-                    self.refused.insert(0, Refused::new(own, why));
-                }
-                (self.model, self.fit) = (reduced, rest);
-                accepted.clear();
-            }
-        }
-        Ok(accepted)
-    }
-}
-
-impl<'r, 'd> Search<'r, 'd, '_> {
-    /// Evidence for an alternative that is accepted: its own, or with one input and one output that of the twin to which it
-    /// is preferred. As the record cannot tell the two apart, what speaks for either speaks for both.
-    fn evidence(&self, model: &Model<'_, '_>, fit: &Fit, own: &Alternative) -> Option<TermEvidence> {
-        let data = model.free_run.data;
-        let decision = |alternative: &Alternative| decide(model, fit, alternative, self.hypotheses);
-        match decision(own) {
-            Decision::Accepted(evidence) => return Some(evidence),
-            Decision::Refused(_) if single(data) => {}
-            Decision::Refused(_) | Decision::Undetermined(_) => return None,
-        }
-        let values = &own.optimum.as_ref()?.values;
-        let twins = self.space.library.iter().filter_map(|candidate| {
-            let (kind, _) = simpler(candidate.kind, 0.0, data)?;
-            (kind == own.candidate.kind).then_some(())?;
-            joined(model, fit, candidate, values.clone(), Effort::Full)
-        });
-        let twin = |twin: &Alternative| {
-            let gap = twin.delta_bic - own.delta_bic;
-            is_twin((twin.candidate.kind, twin.delta_bic), own.candidate.kind, gap, data)
-        };
-        twins.filter(twin).find_map(|twin| match decision(&twin) {
-            Decision::Accepted(evidence) => Some(evidence),
-            _ => None,
-        })
-    }
-}
-
-/// The smallest cause, where its gain is so small beside the largest that it may only correct the latter's
-/// shape: motors are not exactly first-order lags. Where the noise is declared and the vehicle runs free, the
-/// lack-of-fit test detects such a misfit instead.
-fn rider(accepted: &[Accepted], data: &Data) -> Option<usize> {
-    let declared = data.channels.iter().all(|c| c.declared > 0.0);
-    (data.memory_s.is_some() || !declared).then_some(())?;
-    let gain = |i: &usize| accepted[*i].evidence.delta_bic;
-    let least = (0..accepted.len()).min_by(|a, b| gain(a).total_cmp(&gain(b)))?;
-    let largest = (0..accepted.len()).map(|i| gain(&i)).fold(0.0, f64::max);
-    (gain(&least) < RIDER_SHARE * largest).then_some(least)
-}
-
-/// A term of a model as an alternative beside the others, refitted from where these end up without it. Where
-/// that refit is lost (an input that never moves), from the current values.
-fn own_alternative(
-    reduced: &Model<'_, '_>,
-    without: &Fit,
-    model: &Model<'_, '_>,
-    fit: &Fit,
-    term: usize,
-) -> Option<Alternative> {
-    let candidate = &model.terms[term];
-    let mut values = fit.values.clone();
-    let own: Vec<f64> = values.drain(model.range(term)).collect();
-    let kept = without.profile.bic(0) - fit.profile.bic(candidate.tunables.len());
-    let again = fitted(reduced, without, candidate, own.clone());
-    if again.as_ref().is_some_and(|t| t.delta_bic > FOUND_AGAIN_SHARE * kept) {
-        return again;
-    }
-    values.extend(own);
-    joined(reduced, without, candidate, values, Effort::Full)
-}
-
-/// Fits a rival in a cause's place: other values start from those fitted with the cause.
-fn in_its_place(
-    reduced: &Model<'_, '_>,
-    without: &Fit,
-    own: &Alternative,
-    rival: &Rival,
-) -> Option<Alternative> {
-    let fitted = &own.optimum.as_ref()?.values;
-    let others = fitted.len() - own.candidate.tunables.len();
-    let values = fitted[..others].iter().chain(&rival.values).copied().collect();
-    joined(reduced, without, &rival.candidate, values, Effort::Full)
 }
 
 /// Exchanges terms for better ones beside the others, and drops those without which the others suffice.

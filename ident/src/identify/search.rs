@@ -254,6 +254,37 @@ mod tests {
         assert!((best.x[0] - 0.5).abs() < 1e-9 && (best.x[1] - 0.25).abs() < 1e-6, "{:?}", best.x);
     }
 
+    /// Derivatives that lead nowhere until they are asked for again.
+    struct Blurred(Rosenbrock, bool);
+
+    impl Point for Blurred {
+        fn position(&self) -> &[f64] {
+            self.0.position()
+        }
+        fn cost(&self) -> f64 {
+            self.0.cost
+        }
+        fn derivatives(&mut self) -> Option<Derivatives> {
+            let exact = self.0.derivatives()?;
+            Some(if self.1 { Derivatives { right: -exact.right.clone(), ..exact } } else { exact })
+        }
+        fn sharpen(&mut self) -> bool {
+            std::mem::take(&mut self.1)
+        }
+    }
+
+    #[test]
+    fn derivatives_that_lead_nowhere_are_asked_for_again_before_a_step_is_damped() {
+        let limits = Limits { iterations: 400, tolerance: 1e-9, ..Limits::default() };
+        let at = |_: &Blurred, x: &[f64], _: &DVector<f64>| Some(Blurred(Rosenbrock::new(x), true));
+        let start = Blurred(Rosenbrock::new(&[-1.2, 1.0]), true);
+        let (best, outcome) =
+            search(start, &[(-5.0, 5.0), (-5.0, 5.0)], limits, at, |_, _| ControlFlow::Continue(()));
+        assert!(outcome.converged && (best.0.x[0] - 1.0).abs() < 1e-6, "{:?}, {outcome:?}", best.0.x);
+        // Each point was asked twice at most: as often as steps were taken, and once more at each.
+        assert!(outcome.evaluations < 2 * outcome.iterations, "{outcome:?}");
+    }
+
     #[test]
     fn a_search_that_is_ended_gives_the_best_point_so_far() {
         let at = |_: &Rosenbrock, x: &[f64], _: &DVector<f64>| Some(Rosenbrock::new(x));
