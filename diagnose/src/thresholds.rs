@@ -71,12 +71,6 @@ pub(crate) const DESCENT_LIMITS: Limits = Limits {
     trials: MAX_DAMPED_STEPS,
     damping: 1e-4,
 };
-/// Share of what a step changes up to which its sensitivities may have failed to foretell it for those at its end to be
-/// brought along ([`crate::model::secant`]): half leaves the direction of the next step to them. Cost.
-pub(crate) const FORETOLD_SHARE: f64 = 0.5;
-/// Parameters from which on sensitivities are brought along, as many as a vehicle with free parameters has beside a cause: of
-/// fewer, all are computed nearly as fast. Cost.
-pub(crate) const BROUGHT_ALONG_FROM: usize = 7;
 /// Half-width of a 95 % interval in standard errors, the root of the 95 % quantile of chi-square with one degree of
 /// freedom (Wilks 1938).
 pub(crate) const INTERVAL_SIGMAS: f64 = 1.959_963_984_540_054;

@@ -13,8 +13,7 @@ use crate::model::columns::{Column, Slot, Sparse, dot};
 use crate::model::fit::{Effort, Fit, Model};
 use crate::model::noise::Noise;
 use crate::model::optimum::ModelError;
-use crate::model::secant::{Sensitivities, along, foretold};
-use crate::thresholds::{BROUGHT_ALONG_FROM, DESCENT_LIMITS, FIT_TOLERANCE, FORETOLD_SHARE};
+use crate::thresholds::{DESCENT_LIMITS, FIT_TOLERANCE};
 
 impl Model<'_, '_> {
     /// Searches the optimum. The sensitivities of the last step are kept where all of them were computed;
@@ -35,9 +34,7 @@ impl Model<'_, '_> {
             |residual: &[f64]| noise.map_or_else(|| Noise::fit(data, residual), |n| n.again(data, residual));
         let mut profile = again(&evaluation.residual);
         let mut used = noise.cloned().unwrap_or_else(|| profile.noise.clone());
-        // Of a few steps, each has to be as good as it can be.
-        let brings = effort == Effort::Full && slots.len() - self.states() >= BROUGHT_ALONG_FROM;
-        let mut descent = Descent::new(self, slots, inner, brings);
+        let mut descent = Descent::new(self, slots, inner);
         // Sensitivities to the initial state of a model nearby lead near the optimum. At the optimum itself, those of this
         // model are orthogonal to the residual: each further round has its own.
         let mut exact: Option<Vec<Column>> = None;
@@ -80,9 +77,9 @@ struct Evaluation {
     pub predicted: Vec<f64>,
     /// Measured minus predicted, with gaps filled.
     pub residual: Vec<f64>,
-    /// Sensitivities that were computed here, or so near that they are the same, or brought along: to the parameters, and to
-    /// the initial state where it was not given. Another noise model does not change them.
-    sensitivities: Option<Sensitivities>,
+    /// Sensitivities that were computed here, or so near that they are the same: to the parameters, and to the initial
+    /// state where it was not given. Another noise model does not change them.
+    sensitivities: Option<Arc<Vec<Column>>>,
 }
 
 impl Evaluation {
@@ -99,10 +96,9 @@ impl Evaluation {
         Ok(columns.into_iter().map(Arc::new).collect())
     }
 
-    /// The sensitivities that were computed here; empty where none were.
+    /// The sensitivities that are known here; empty where none are.
     pub fn columns(&self) -> Vec<Column> {
-        let exact = self.sensitivities.iter().find(|known| known.exact);
-        exact.map(|known| known.columns.to_vec()).unwrap_or_default()
+        self.sensitivities.as_deref().cloned().unwrap_or_default()
     }
 }
 
@@ -112,15 +108,13 @@ struct Descent<'m, 'r, 'd> {
     slots: Vec<Slot>,
     bounds: Vec<(f64, f64)>,
     limits: Limits,
-    /// Whether sensitivities are brought along from step to step.
-    brings: bool,
 }
 
 impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
     /// Descents of at most `steps` steps each.
-    pub fn new(model: &'m Model<'r, 'd>, slots: Vec<Slot>, steps: usize, brings: bool) -> Self {
+    pub fn new(model: &'m Model<'r, 'd>, slots: Vec<Slot>, steps: usize) -> Self {
         let bounds = slots.iter().map(|s| (s.lower, s.upper)).collect();
-        Self { model, slots, bounds, limits: Limits { iterations: steps, ..DESCENT_LIMITS }, brings }
+        Self { model, slots, bounds, limits: Limits { iterations: steps, ..DESCENT_LIMITS } }
     }
 
     /// The evaluation of the lowest cost that is reached from `start` under `noise`. `initial` are sensitivities to
@@ -134,20 +128,19 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
         let white = noise.whiten(self.model.free_run.data, &start.residual);
         let known = initial.map(|columns| whitened(noise, self.model.free_run.data, columns));
         let known = known.map(|white| (white.products(), white));
-        let objective = Objective { descent: self, noise, initial: initial.unwrap_or_default(), known };
+        let objective = Objective { descent: self, noise, known };
         let start = Iterate {
             objective: &objective,
             cost: 0.5 * dot(&white, &white),
             evaluation: start,
             white,
-            information: Vec::new(),
             failure: None,
         };
         let (lowest, outcome) = search(
             start,
             &self.bounds,
             self.limits,
-            |from, to, step| from.next(to, step.as_slice()),
+            |from, to, _| from.next(to),
             |_, _| ControlFlow::Continue(()),
         );
         let Iterate { evaluation, failure, .. } = lowest;
@@ -161,8 +154,6 @@ impl<'m, 'r, 'd> Descent<'m, 'r, 'd> {
 struct Objective<'g, 'm, 'r, 'd> {
     descent: &'g Descent<'m, 'r, 'd>,
     noise: &'g Noise,
-    /// Sensitivities to the initial state, where they are given.
-    initial: &'g [Column],
     /// The given sensitivities, whitened, and their products.
     known: Option<(DMatrix<f64>, Sparse)>,
 }
@@ -174,64 +165,30 @@ struct Iterate<'w, 'g, 'm, 'r, 'd> {
     /// The whitened residual.
     white: Vec<f64>,
     cost: f64,
-    /// Information on each parameter whose sensitivity is not given; empty before the derivatives.
-    information: Vec<f64>,
     failure: Option<ModelError>,
 }
 
 impl Iterate<'_, '_, '_, '_, '_> {
-    fn next(&self, to: &[f64], step: &[f64]) -> Option<Self> {
+    fn next(&self, to: &[f64]) -> Option<Self> {
         let Objective { descent, noise, .. } = self.objective;
         let mut evaluation = Evaluation::new(descent.model, to.to_vec()).ok()?;
         let white = noise.whiten(descent.model.free_run.data, &evaluation.residual);
         let cost = 0.5 * dot(&white, &white);
         if (0.0..0.5 * FIT_TOLERANCE).contains(&(self.cost - cost)) {
             evaluation.sensitivities.clone_from(&self.evaluation.sensitivities);
-        } else if cost < self.cost {
-            evaluation.sensitivities = self.brought_along(step, &evaluation.predicted);
         }
-        Some(Self {
-            objective: self.objective,
-            evaluation,
-            white,
-            cost,
-            information: Vec::new(),
-            failure: None,
-        })
-    }
-
-    /// The sensitivities at the end of a step, where those here foretell most of what it changes.
-    fn brought_along(&self, step: &[f64], predicted: &[f64]) -> Option<Sensitivities> {
-        let Objective { descent, noise, initial, .. } = self.objective;
-        let data = descent.model.free_run.data;
-        let own = &self.evaluation.sensitivities.as_ref()?.columns;
-        if !descent.brings || self.information.len() != own.len() {
-            return None;
-        }
-        let foretold = foretold(initial.iter().chain(own.iter()), step, predicted.len());
-        let changed = predicted.iter().zip(&self.evaluation.predicted).map(|(after, before)| after - before);
-        let unforetold: Vec<f64> =
-            changed.zip(&foretold).map(|(change, foretold)| change - foretold).collect();
-        let size = |samples: &[f64]| {
-            let white = noise.whiten(data, &data.filled(samples));
-            dot(&white, &white).sqrt()
-        };
-        (size(&unforetold) < FORETOLD_SHARE * size(&foretold)).then(|| {
-            let own_step = &step[step.len() - own.len()..];
-            let columns = along(own, own_step, &self.information, &unforetold, &data.ranges());
-            Sensitivities { columns: Arc::new(columns), exact: false }
-        })
+        Some(Self { objective: self.objective, evaluation, white, cost, failure: None })
     }
 
     fn sensitivities(&mut self) -> Result<Arc<Vec<Column>>, ModelError> {
         if let Some(known) = &self.evaluation.sensitivities {
-            return Ok(Arc::clone(&known.columns));
+            return Ok(Arc::clone(known));
         }
         let Objective { descent: Descent { model, slots, .. }, known, .. } = self.objective;
         let Evaluation { values, predicted, .. } = &self.evaluation;
         let given = known.is_some().then_some(&[][..]);
         let columns = Arc::new(model.columns(values, predicted, slots, given)?);
-        self.evaluation.sensitivities = Some(Sensitivities { columns: Arc::clone(&columns), exact: true });
+        self.evaluation.sensitivities = Some(Arc::clone(&columns));
         Ok(columns)
     }
 }
@@ -248,19 +205,12 @@ impl Point for Iterate<'_, '_, '_, '_, '_> {
     fn derivatives(&mut self) -> Option<Derivatives> {
         let columns = self.sensitivities().map_err(|failure| self.failure = Some(failure)).ok()?;
         let own = whitened(self.objective.noise, self.objective.descent.model.free_run.data, &columns);
-        let derivatives = match &self.objective.known {
+        Some(match &self.objective.known {
             Some((products, known)) => bordered(known, products, &own, &self.white),
             None => {
                 Derivatives { information: own.products(), right: DVector::from_vec(own.dots(&self.white)) }
             }
-        };
-        let diagonal = derivatives.information.diagonal();
-        self.information = diagonal.as_slice()[diagonal.len() - columns.len()..].to_vec();
-        Some(derivatives)
-    }
-
-    fn sharpen(&mut self) -> bool {
-        self.evaluation.sensitivities.take_if(|known| !known.exact).is_some()
+        })
     }
 }
 

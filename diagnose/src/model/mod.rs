@@ -23,7 +23,6 @@ pub mod predictor;
 mod profile_interval;
 pub mod reach;
 pub mod score_test;
-mod secant;
 pub mod sensitivities;
 pub mod state_filter;
 pub mod step_response;

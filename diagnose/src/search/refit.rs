@@ -10,8 +10,7 @@ use crate::thresholds::MIN_BIC_GAIN;
 
 /// The causes of a record. Free parameters are estimates of the record to which they were fitted, and are refitted
 /// beside the causes. The first cause is also searched for with the given values: without its cause, a refit may end
-/// far from the truth (in a closed loop, at a vehicle that does not respond to commands). The search that begins with it is
-/// made where the other ended without it.
+/// far from the truth (in a closed loop, at a vehicle that does not respond to commands).
 ///
 /// Where the record contradicts the given values, something has changed since they were fitted: a cause beside the given
 /// values, or all of them. A refit would hide a weaker actuator: it has to be clearly likelier.
@@ -37,11 +36,11 @@ pub(crate) fn search<'r, 'd>(
     {
         return Ok(kept.clone());
     }
-    let begun = || select(model.clone(), space, None, &terms);
-    let refitted = match select(model.clone(), space, None, &[]) {
-        Ok(refitted) if holds(&refitted, &terms) => Ok(refitted),
-        Ok(refitted) => Ok(begun().ok().filter(|other| bic(other) < bic(&refitted)).unwrap_or(refitted)),
-        Err(_) => begun(),
+    let refitted = match (select(model.clone(), space, None, &[]), select(model.clone(), space, None, &terms))
+    {
+        (Ok(refitted), Ok(other)) if bic(&other) < bic(&refitted) => Ok(other),
+        (Ok(refitted), _) => Ok(refitted),
+        (Err(_), other) => other,
     };
     match (refitted, kept) {
         (Ok(refitted), Some(kept)) if bic(&kept) - bic(&refitted) < MIN_BIC_GAIN => Ok(kept),
@@ -53,14 +52,6 @@ pub(crate) fn search<'r, 'd>(
 fn terms(selection: &Selection<'_, '_>) -> Vec<(Candidate, Vec<f64>)> {
     let terms = selection.model.terms.iter().enumerate();
     terms.map(|(t, term)| (term.clone(), selection.fit.values[selection.model.range(t)].to_vec())).collect()
-}
-
-/// True when a selection has these causes, whatever their values.
-fn holds(selection: &Selection<'_, '_>, causes: &[(Candidate, Vec<f64>)]) -> bool {
-    let has = |cause: &Candidate| {
-        selection.model.terms.iter().any(|t| t.kind == cause.kind && t.place == cause.place)
-    };
-    causes.iter().all(|(cause, _)| has(cause))
 }
 
 /// True when without causes the record is likelier with refitted than with given values, by BIC. On the record to which

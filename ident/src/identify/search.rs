@@ -13,14 +13,9 @@ pub trait Point {
     fn position(&self) -> &[f64];
     /// The cost at this point.
     fn cost(&self) -> f64;
-    /// Derivatives of the cost at this point, where the search continues from it. `None` where they do not exist: the
-    /// search ends there.
+    /// Derivatives of the cost at this point, requested once, where the search continues from it. `None`
+    /// where they do not exist: the search ends there.
     fn derivatives(&mut self) -> Option<Derivatives>;
-    /// True where the derivatives here were approximate and will be exact when they are asked for again. A search ends, and
-    /// damps its steps, only with exact ones.
-    fn sharpen(&mut self) -> bool {
-        false
-    }
 }
 
 /// Derivatives of a cost.
@@ -88,7 +83,7 @@ pub fn search<P: Point>(
     let mut point = start;
     let mut outcome = Outcome { damping: limits.damping, ..Outcome::default() };
     let mut growth = 2.0;
-    'steps: while outcome.iterations < limits.iterations {
+    while outcome.iterations < limits.iterations {
         outcome.iterations += 1;
         if observe(outcome.iterations, point.cost()).is_break() {
             break;
@@ -105,11 +100,6 @@ pub fn search<P: Point>(
             let length = step.dot(&curved).max(0.0).sqrt();
             ahead = ahead.min(length * (1.0 + outcome.damping));
             if length < limits.tolerance {
-                if point.sharpen() {
-                    outcome.iterations -= 1;
-                    outcome.damping = outcome.damping.min(limits.damping);
-                    continue 'steps;
-                }
                 // A step that is short only because of its damping is no sign of a minimum.
                 outcome.converged = ahead < NEAR;
                 return (point, outcome);
@@ -125,17 +115,12 @@ pub fn search<P: Point>(
                 outcome.damping = (outcome.damping * change).max(1e-12);
                 growth = 2.0;
                 point = next;
-                if gain < limits.gain && !point.sharpen() {
+                if gain < limits.gain {
                     outcome.converged = true;
                     return (point, outcome);
                 }
                 stepped = true;
                 break;
-            }
-            if point.sharpen() {
-                outcome.iterations -= 1;
-                outcome.damping = outcome.damping.min(limits.damping);
-                continue 'steps;
             }
             outcome.damping *= growth;
             growth *= 2.0;
@@ -252,37 +237,6 @@ mod tests {
         let (best, _) =
             search(Rosenbrock::new(&[-1.2, 1.0]), &bounded, limits, at, |_, _| ControlFlow::Continue(()));
         assert!((best.x[0] - 0.5).abs() < 1e-9 && (best.x[1] - 0.25).abs() < 1e-6, "{:?}", best.x);
-    }
-
-    /// Derivatives that lead nowhere until they are asked for again.
-    struct Blurred(Rosenbrock, bool);
-
-    impl Point for Blurred {
-        fn position(&self) -> &[f64] {
-            self.0.position()
-        }
-        fn cost(&self) -> f64 {
-            self.0.cost
-        }
-        fn derivatives(&mut self) -> Option<Derivatives> {
-            let exact = self.0.derivatives()?;
-            Some(if self.1 { Derivatives { right: -exact.right.clone(), ..exact } } else { exact })
-        }
-        fn sharpen(&mut self) -> bool {
-            std::mem::take(&mut self.1)
-        }
-    }
-
-    #[test]
-    fn derivatives_that_lead_nowhere_are_asked_for_again_before_a_step_is_damped() {
-        let limits = Limits { iterations: 400, tolerance: 1e-9, ..Limits::default() };
-        let at = |_: &Blurred, x: &[f64], _: &DVector<f64>| Some(Blurred(Rosenbrock::new(x), true));
-        let start = Blurred(Rosenbrock::new(&[-1.2, 1.0]), true);
-        let (best, outcome) =
-            search(start, &[(-5.0, 5.0), (-5.0, 5.0)], limits, at, |_, _| ControlFlow::Continue(()));
-        assert!(outcome.converged && (best.0.x[0] - 1.0).abs() < 1e-6, "{:?}, {outcome:?}", best.0.x);
-        // Each point was asked twice at most: as often as steps were taken, and once more at each.
-        assert!(outcome.evaluations < 2 * outcome.iterations, "{outcome:?}");
     }
 
     #[test]
