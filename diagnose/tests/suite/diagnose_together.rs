@@ -77,6 +77,9 @@ fn a_coarse_sensor_is_no_noisy_one() {
     let truth = quadrotor(&[(Kind::Quantization, "pitch", &[("step", 10.0 * own)])]);
     let answer = diagnosis(fly(&truth, 6), &builtin("quadrotor"));
     assert_eq!(named(&answer), [["quantization(pitch)"]], "{}", answer.text());
+    // Of four channels, each in units of its noise, one is rounded: of its own power that is 100 / 12 of 100 / 12 + 1.
+    let share = answer.causes[0].evidence.share_of_residual;
+    assert!((share - 0.893 / 4.0).abs() < 0.03, "{share}");
     assert_eq!(answer.verdict, Verdict::Explained, "{}", answer.text());
 }
 
