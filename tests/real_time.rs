@@ -1,6 +1,7 @@
 //! Whole-process tests that wait for most of their time, for flights in real time and time limits to end. Twice as many
 //! run at a time as there are processors.
 
+mod autopilot_checks;
 mod autopilot_faults;
 mod autopilots;
 mod betaflight;
@@ -38,6 +39,7 @@ whirlstand_test_harness::suites!(
     bridge_crsf,
     px4_station,
     bridge_check,
+    autopilot_checks,
     autopilot_faults,
     bridge_verdict,
     live_stick,

@@ -307,33 +307,8 @@ impl Mirror {
                 cause: None,
             });
         }
-        if open.search.is_none() || open.search.as_ref().is_some_and(|s| s.end() < open.next_look) {
-            let end = self.capture.next();
-            if end < open.next_look && !self.capture.is_full() || end <= open.since + 8 {
-                return None;
-            }
-            match &mut open.search {
-                Some(search) if end > search.end() => search.again(&self.known, &self.capture, end),
-                // All stored data have been searched. Without a cause the search begins again with later data, since
-                // something that passes, such as a stalled link, may have hidden the cause in these.
-                Some(_) => {
-                    if open.said.is_none() {
-                        self.restart();
-                    }
-                    return None;
-                }
-                None => {
-                    open.search = Some(Search::new(
-                        &self.known,
-                        &self.capture,
-                        Onset { since: open.since, took: open.took },
-                        end,
-                        self.run_length,
-                    ));
-                }
-            }
-            open.next_look = end;
-        }
+        self.extend_search()?;
+        let open = self.open.as_mut()?;
         let search = open.search.as_mut()?;
         let like = self.holding.as_ref().unwrap_or(&self.predictor);
         let answer = search.work(&self.known, like, &self.capture, self.budget)?;
@@ -365,6 +340,41 @@ impl Mirror {
             }
             Answer::Open => None,
         }
+    }
+
+    /// Begins the search for the cause of the open change, or extends it to later data once these are due; `None` while they
+    /// are not.
+    fn extend_search(&mut self) -> Option<()> {
+        let open = self.open.as_mut()?;
+        if open.search.as_ref().is_some_and(|s| s.end() >= open.next_look) {
+            return Some(());
+        }
+        let end = self.capture.next();
+        if end < open.next_look && !self.capture.is_full() || end <= open.since + 8 {
+            return None;
+        }
+        match &mut open.search {
+            Some(search) if end > search.end() => search.again(&self.known, &self.capture, end),
+            // All stored data have been searched. Without a cause the search begins again with later data, since
+            // something that passes, such as a stalled link, may have hidden the cause in these.
+            Some(_) => {
+                if open.said.is_none() {
+                    self.restart();
+                }
+                return None;
+            }
+            None => {
+                open.search = Some(Search::new(
+                    &self.known,
+                    &self.capture,
+                    Onset { since: open.since, took: open.took },
+                    end,
+                    self.run_length,
+                ));
+            }
+        }
+        open.next_look = end;
+        Some(())
     }
 }
 

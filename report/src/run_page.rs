@@ -93,21 +93,7 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
         ..Section::default()
     }));
     sections.extend(spectra(runs));
-    let estimator = estimator_plots(runs, summaries);
-    if !estimator.is_empty() {
-        sections.push(Section {
-            title: "Estimator".into(),
-            text: format!(
-                "Estimation errors relative to the truth, with the filter's bounds of two standard deviations{}. \
-                 For a consistent filter 95 % of the errors are within them, and the NIS is near 1.",
-                if runs.len() > 1 { format!(" ({})", first.name) } else { String::new() }
-            ),
-            tables: estimator_table(summaries).into_iter().collect(),
-            plots: estimator,
-            columns: 2,
-            ..Section::default()
-        });
-    }
+    sections.extend(estimator_section(runs, summaries));
     sections.push(Section {
         title: "Timing".into(),
         text: "Percentiles are upper edges of histogram buckets, two per octave. Latency of the plant: from publishing a \
@@ -120,6 +106,24 @@ fn sections(description: &str, outcome: &Outcome, runs: &[&Run], summaries: &[Ru
     // A run that ended at once has nothing to plot.
     sections.retain(|section| !section.plots.is_empty() || section.tables.iter().any(|t| !t.rows.is_empty()));
     sections
+}
+
+/// The estimator's errors; `None` where no run has any.
+fn estimator_section(runs: &[&Run], summaries: &[RunSummary]) -> Option<Section> {
+    let plots = estimator_plots(runs, summaries);
+    let first = runs.first().filter(|_| !plots.is_empty())?;
+    let of = if runs.len() > 1 { format!(" ({})", first.name) } else { String::new() };
+    Some(Section {
+        title: "Estimator".into(),
+        text: format!(
+            "Estimation errors relative to the truth, with the filter's bounds of two standard deviations{of}. \
+             For a consistent filter 95 % of the errors are within them, and the NIS is near 1."
+        ),
+        tables: estimator_table(summaries).into_iter().collect(),
+        plots,
+        columns: 2,
+        ..Section::default()
+    })
 }
 
 /// Fewest steps with an estimate for a plot.

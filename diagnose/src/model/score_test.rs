@@ -3,6 +3,8 @@
 
 use std::sync::Arc;
 
+use nalgebra::{DMatrix, DVector};
+
 use crate::data::record::Data;
 use crate::model::columns::{Column, Sparse, dot, subtract_all};
 use crate::model::noise::Noise;
@@ -119,15 +121,32 @@ impl<'d> ScoreTest<'d> {
         self.project(&self.data.filled(samples))
     }
 
-    /// Inner product of a whitened signature with the residual, and its energy, both after projection: the
-    /// projection need not be carried out, as the residual has no nuisance component.
+    /// Inner products of signatures (filled, not whitened) with each other and with the residual, all after projection.
+    /// The projection need not be carried out: the residual has no nuisance component, and what the signatures' nuisance
+    /// components have in common follows from their coefficients.
+    pub fn products<S: AsRef<[f64]>>(&self, signatures: &[S]) -> (DMatrix<f64>, DVector<f64>) {
+        let white = signatures.iter().map(|samples| self.noise.whiten(self.data, samples.as_ref()));
+        let white = Sparse::new(white.collect());
+        let by: Vec<Vec<f64>> = white.columns().iter().map(|w| self.basis.dots(w)).collect();
+        let mut products = white.products();
+        for (i, of) in by.iter().enumerate() {
+            let whole = products[(i, i)];
+            for (j, other) in by.iter().enumerate() {
+                products[(i, j)] -= dot(of, other);
+            }
+            // An energy below rounding counts as zero.
+            if products[(i, i)] <= 1e-9 * whole {
+                products[(i, i)] = 0.0;
+            }
+        }
+        (products, DVector::from_vec(white.dots(&self.residual)))
+    }
+
+    /// Inner product of a signature, which may have gaps, with the residual, and its energy, as by
+    /// [`ScoreTest::products`].
     fn product(&self, samples: &[f64]) -> (f64, f64) {
-        let w = self.noise.whiten(self.data, &self.data.filled(samples));
-        let whole = dot(&w, &w);
-        let nuisances: f64 = self.basis.dots(&w).iter().map(|c| c * c).sum();
-        let energy = whole - nuisances;
-        // An energy below rounding counts as zero.
-        (dot(&w, &self.residual), if energy > 1e-9 * whole { energy } else { 0.0 })
+        let (energy, product) = self.products(&[self.data.filled(samples)]);
+        (product[0], energy[(0, 0)])
     }
 
     /// The score of a signature that is not whitened.

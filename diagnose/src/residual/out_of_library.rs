@@ -10,7 +10,6 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use whirlstand_vehicle::Vehicle;
 
-use crate::model::columns::dot;
 use crate::model::fit::{Fit, Model};
 use crate::model::forced_response::Forces;
 use crate::model::input_reconstruction::Entry;
@@ -306,19 +305,15 @@ fn weights(
 
 /// Score of several columns together in a score test, and their coefficients.
 fn explained(score_test: &ScoreTest<'_>, columns: &[Vec<f64>]) -> Option<(f64, DVector<f64>)> {
-    let white: Vec<Vec<f64>> = columns.iter().map(|c| score_test.project(c)).collect();
-    let norms: Vec<f64> = white.iter().map(|w| dot(w, w).sqrt()).collect();
-    if white.is_empty() || norms.iter().any(|n| !n.is_finite()) {
+    let (products, right) = score_test.products(columns);
+    let norms = products.diagonal().map(f64::sqrt);
+    if columns.is_empty() || norms.iter().any(|n| !n.is_finite()) {
         return None;
     }
-    let n = white.len();
-    let gram = DMatrix::from_fn(n, n, |i, j| {
-        if norms[i] * norms[j] > 0.0 { dot(&white[i], &white[j]) / (norms[i] * norms[j]) } else { 0.0 }
-    });
-    let product =
-        |i: usize| if norms[i] > 0.0 { dot(&white[i], score_test.residual()) / norms[i] } else { 0.0 };
-    let right = DVector::from_fn(n, |i, _| product(i));
+    let scale = norms.map(|n| if n > 0.0 { 1.0 / n } else { 0.0 });
+    let gram = DMatrix::from_fn(scale.len(), scale.len(), |i, j| scale[i] * products[(i, j)] * scale[j]);
+    let right = right.component_mul(&scale);
     let by = pseudo_inverse(&gram)? * &right;
     let energy = by.dot(&right);
-    Some((energy, DVector::from_fn(n, |i, _| if norms[i] > 0.0 { by[i] / norms[i] } else { 0.0 })))
+    Some((energy, by.component_mul(&scale)))
 }

@@ -29,39 +29,12 @@ pub(crate) fn with_turbulence<'r, 'd>(
     space: &SearchSpace<'_>,
 ) -> (Option<Selection<'r, 'd>>, Option<Turbulence>, Option<ForceOnSignal>) {
     let data = model.free_run.data;
-    let look = |s: &Selection<'r, 'd>| {
-        turbulence(&s.model, &s.fit.values, &s.fit.residual).filter(|t| t.delta_bic > MIN_TURBULENCE_BIC)
-    };
     let alone = plain_bic(selection, data);
-    // Gusts that were taken for single events hide part of the turbulence.
-    let calm = without_gusts(selection, None);
-    let first = look(selection).or_else(|| calm.as_ref().and_then(look));
-    let Some(mut found) = first else { return (None, None, None) };
-    let mut chosen: Option<Selection<'r, 'd>> = None;
-    for _ in 0..TURBULENCE_PASSES {
-        let last = chosen.as_ref().or(calm.as_ref()).unwrap_or(selection);
-        let noise =
-            last.model.vehicle(&last.fit.values).ok().and_then(|v| found.noise(data, &v, &last.fit.residual));
-        let Some(noise) = noise else { break };
-        let Ok(next) = select(model.clone(), space, Some(&noise), &[]) else { break };
-        let next = without_gusts(&next, Some(found.state)).unwrap_or(next);
-        let again = look(&next);
-        // The same causes leave the same turbulence, whether or not the search for its size succeeds again.
-        let alike =
-            next.model.terms.iter().map(Candidate::name).eq(last.model.terms.iter().map(Candidate::name));
-        chosen = Some(next);
-        let again = match again {
-            Some(again) => again,
-            None if alike => break,
-            None => return (single(selection, chosen, alone), None, None),
-        };
-        let same =
-            again.state == found.state && (again.std.0 / found.std.0).ln().abs() < SETTLED_SIZE_RATIO.ln();
-        found = again;
-        if same {
-            break;
-        }
-    }
+    let (chosen, found) = match in_turns(selection, model, space) {
+        Sought::Nothing => return (None, None, None),
+        Sought::Trace(chosen) => return (single(selection, chosen, alone), None, None),
+        Sought::Beside(chosen, found) => (chosen, found),
+    };
     let Some(mut chosen) = chosen else {
         // Where only an approximate likelihood is available, the causes are those found without turbulence.
         let known = found.is_known(data);
@@ -70,14 +43,7 @@ pub(crate) fn with_turbulence<'r, 'd>(
     if !found.is_known(data) || plain_bic(&chosen, data) - found.delta_bic > alone - MIN_TURBULENCE_BIC {
         return (None, None, None);
     }
-    let Some(noise) = chosen
-        .model
-        .vehicle(&chosen.fit.values)
-        .ok()
-        .and_then(|v| found.noise(data, &v, &chosen.fit.residual))
-    else {
-        return (None, None, None);
-    };
+    let Some(noise) = noise_with(&found, &chosen) else { return (None, None, None) };
     let more = |by: ForceOnSignal| ForceOnSignal { gain: by.gain + alone - plain_bic(&chosen, data), ..by };
     let forced = out_of_library::on_state(&chosen.model, &chosen.fit, found.state, space);
     if let Some(by) = forced.filter(|by| by.gain > FORCE_SHARE_OF_TURBULENCE * found.delta_bic) {
@@ -98,6 +64,60 @@ pub(crate) fn with_turbulence<'r, 'd>(
     (Some(chosen), Some(found), None)
 }
 
+/// What a search for causes and turbulence in turns comes to.
+enum Sought<'r, 'd> {
+    /// The residual does not look turbulent.
+    Nothing,
+    /// Beside these causes it no longer does.
+    Trace(Selection<'r, 'd>),
+    /// Turbulence, and the causes that were found beside it; `None` where none could be searched for.
+    Beside(Option<Selection<'r, 'd>>, Turbulence),
+}
+
+/// Searches for causes beside turbulence, and for turbulence beside the causes, until both stay as they are.
+fn in_turns<'r, 'd>(
+    selection: &Selection<'r, 'd>,
+    model: &Model<'r, 'd>,
+    space: &SearchSpace<'_>,
+) -> Sought<'r, 'd> {
+    let look = |s: &Selection<'r, 'd>| {
+        turbulence(&s.model, &s.fit.values, &s.fit.residual).filter(|t| t.delta_bic > MIN_TURBULENCE_BIC)
+    };
+    // Gusts that were taken for single events hide part of the turbulence.
+    let calm = without_gusts(selection, None);
+    let first = look(selection).or_else(|| calm.as_ref().and_then(look));
+    let Some(mut found) = first else { return Sought::Nothing };
+    let mut chosen: Option<Selection<'r, 'd>> = None;
+    for _ in 0..TURBULENCE_PASSES {
+        let last = chosen.as_ref().or(calm.as_ref()).unwrap_or(selection);
+        let Some(noise) = noise_with(&found, last) else { break };
+        let Ok(next) = select(model.clone(), space, Some(&noise), &[]) else { break };
+        let next = without_gusts(&next, Some(found.state)).unwrap_or(next);
+        // The same causes leave the same turbulence, whether or not the search for its size succeeds again.
+        let names = |s: &Selection<'r, 'd>| s.model.terms.iter().map(Candidate::name).collect::<Vec<_>>();
+        let alike = names(&next) == names(last);
+        let again = look(&next);
+        if again.is_none() && !alike {
+            return Sought::Trace(next);
+        }
+        chosen = Some(next);
+        let Some(again) = again else { break };
+        let same =
+            again.state == found.state && (again.std.0 / found.std.0).ln().abs() < SETTLED_SIZE_RATIO.ln();
+        found = again;
+        if same {
+            break;
+        }
+    }
+    Sought::Beside(chosen, found)
+}
+
+/// The joint noise model of all channels with this turbulence, beside the causes of a selection.
+fn noise_with(found: &Turbulence, selection: &Selection<'_, '_>) -> Option<Noise> {
+    let vehicle = selection.model.vehicle(&selection.fit.values).ok()?;
+    found.noise(selection.model.free_run.data, &vehicle, &selection.fit.residual)
+}
+
 /// The same causes without disturbances, on one state or on all, refitted; `None` when there are none. A gust
 /// is part of the turbulence of its state.
 fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) -> Option<Selection<'r, 'd>> {
@@ -114,10 +134,9 @@ fn without_gusts<'r, 'd>(selection: &Selection<'r, 'd>, state: Option<usize>) ->
 /// the turbulence was then only their trace.
 fn single<'r, 'd>(
     selection: &Selection<'r, 'd>,
-    chosen: Option<Selection<'r, 'd>>,
+    mut chosen: Selection<'r, 'd>,
     alone: f64,
 ) -> Option<Selection<'r, 'd>> {
-    let mut chosen = chosen?;
     let fit = chosen.model.fit(chosen.fit.values.clone(), None, None).ok()?;
     let bic = fit.profile.bic(chosen.model.parameters());
     chosen.fit = fit;

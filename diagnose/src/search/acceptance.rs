@@ -1,9 +1,12 @@
 //! Acceptance of a candidate as a cause: its conditions, its detectability, and rivals that explain as much.
 
+use nalgebra::DMatrix;
+
 use crate::candidates::library::Candidate;
 use crate::model::columns::dot;
 use crate::model::fit::{Fit, Model};
 use crate::model::noise::Noise;
+use crate::model::optimum::Optimum;
 use crate::model::score_test::{ScoreTest, cosine};
 use crate::search::alternative::Alternative;
 use crate::search::cross_validation::held_out_gain;
@@ -87,35 +90,8 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
             return Decision::Undetermined(format!("no confidence interval: {why}"));
         }
     };
-    let from = optimum.values.len() - k;
-    for (i, tunable) in alternative.candidate.tunables.iter().enumerate() {
-        if !tunable.size {
-            continue;
-        }
-        // A value at the end of its range is no optimum and has no interval (Self and Liang 1987): a mode at
-        // the limit of damping is not accepted.
-        let value = optimum.values[from + i];
-        if value == tunable.lower || value == tunable.upper {
-            return Decision::Undetermined(format!("its {} is at the limit of its range", tunable.name));
-        }
-        let null = if i + 1 == k { alternative.candidate.null } else { 0.0 };
-        let size = (optimum.values[from + i] - null).abs();
-        let mut variance = covariance[(from + i, from + i)];
-        // A record determines the area of a short pulse; its height and duration are correlated.
-        if let Some(d) = alternative.candidate.tunables.iter().position(|t| t.name == "duration_s") {
-            let share = size / optimum.values[from + d].abs().max(f64::MIN_POSITIVE);
-            let sign = (optimum.values[from + i] - null).signum();
-            let both = covariance[(from + i, from + d)];
-            variance += share * share * covariance[(from + d, from + d)] + 2.0 * sign * share * both;
-        }
-        let error = variance.max(0.0).sqrt();
-        if error > MAX_RELATIVE_ERROR * size {
-            return Decision::Undetermined(format!(
-                "its {} has a relative standard error of {:.0} %",
-                tunable.name,
-                (100.0 * error / size.max(f64::MIN_POSITIVE)).min(999.0)
-            ));
-        }
+    if let Err(why) = is_determined(&alternative.candidate, optimum, &covariance) {
+        return Decision::Undetermined(why);
     }
     let heldout = held_out_gain((model, fit), (&whole, &extended));
     if heldout <= MIN_HELD_OUT_SIGMAS {
@@ -128,6 +104,39 @@ pub fn decide(model: &Model<'_, '_>, fit: &Fit, alternative: &Alternative, hypot
     }
     let detectability = detectability(model, fit, alternative).unwrap_or(0.0);
     Decision::Accepted(TermEvidence { delta_bic, heldout, p_value, detectability })
+}
+
+/// Whether the sizes of a candidate, the last of the values, are determined; the error says which is not.
+fn is_determined(candidate: &Candidate, optimum: &Optimum, covariance: &DMatrix<f64>) -> Result<(), String> {
+    let k = candidate.tunables.len();
+    let from = optimum.values.len() - k;
+    for (i, tunable) in candidate.tunables.iter().enumerate().filter(|(_, tunable)| tunable.size) {
+        // A value at the end of its range is no optimum and has no interval (Self and Liang 1987): a mode at
+        // the limit of damping is not accepted.
+        let value = optimum.values[from + i];
+        if value == tunable.lower || value == tunable.upper {
+            return Err(format!("its {} is at the limit of its range", tunable.name));
+        }
+        let null = if i + 1 == k { candidate.null } else { 0.0 };
+        let size = (value - null).abs();
+        let mut variance = covariance[(from + i, from + i)];
+        // A record determines the area of a short pulse; its height and duration are correlated.
+        if let Some(d) = candidate.tunables.iter().position(|t| t.name == "duration_s") {
+            let share = size / optimum.values[from + d].abs().max(f64::MIN_POSITIVE);
+            let sign = (value - null).signum();
+            let both = covariance[(from + i, from + d)];
+            variance += share * share * covariance[(from + d, from + d)] + 2.0 * sign * share * both;
+        }
+        let error = variance.max(0.0).sqrt();
+        if error > MAX_RELATIVE_ERROR * size {
+            return Err(format!(
+                "its {} has a relative standard error of {:.0} %",
+                tunable.name,
+                (100.0 * error / size.max(f64::MIN_POSITIVE)).min(999.0)
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Gain in BIC where the zeros of all sensors may wander, also of those whose noise is not declared: a cause is weighed

@@ -120,6 +120,27 @@ impl Said<'_> {
         if found.failed.count > 0 {
             writeln!(text, "  unfinished  {}", share(&found.failed))?;
         }
+        self.write_limits(text)?;
+        if let Some(worst) = found.worst.first() {
+            let how = match (&worst.of_limit, &worst.ended) {
+                (_, Some(why)) => why.clone(),
+                (Some(share), None) => format!("{} at {} of its limit", worst.key, number(*share)),
+                (None, None) => format!("{} unfinished", worst.key),
+            };
+            let replay = format!("whirlstand campaign replay {} --flight {}", self.campaign, worst.flight);
+            writeln!(text, "  worst       flight {}: {how}\n              {replay}", worst.flight)?;
+        }
+        for (what, path) in [("table", &self.table), ("report", &self.report)] {
+            if let Some(path) = path {
+                writeln!(text, "  {what:<11} {}", path.display())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The limits, and the figures that have one.
+    fn write_limits(&self, text: &mut String) -> std::fmt::Result {
+        let found = &self.findings;
         let figures = &self.columns.figures;
         let unit = |key: &str| {
             figures.iter().find(|figure| figure.key == key).map(|f| ShownUnit::named(&f.unit, &f.shown))
@@ -146,20 +167,6 @@ impl Said<'_> {
                 .collect();
             if !moved.is_empty() {
                 writeln!(text, "    moved by  {} (rank correlation)", moved.join(", "))?;
-            }
-        }
-        if let Some(worst) = found.worst.first() {
-            let how = match (&worst.of_limit, &worst.ended) {
-                (_, Some(why)) => why.clone(),
-                (Some(share), None) => format!("{} at {} of its limit", worst.key, number(*share)),
-                (None, None) => format!("{} unfinished", worst.key),
-            };
-            let replay = format!("whirlstand campaign replay {} --flight {}", self.campaign, worst.flight);
-            writeln!(text, "  worst       flight {}: {how}\n              {replay}", worst.flight)?;
-        }
-        for (what, path) in [("table", &self.table), ("report", &self.report)] {
-            if let Some(path) = path {
-                writeln!(text, "  {what:<11} {}", path.display())?;
             }
         }
         Ok(())

@@ -200,88 +200,26 @@ impl System {
         acts: &[bool],
     ) -> Result<Self, SimulatorError> {
         let (n, m) = vehicle.b.shape();
-        let mut changed = vehicle.clone();
-        for ((effect, place), _) in effects.iter().zip(acts).filter(|(_, acts)| **acts) {
-            if let Place::Entry(matrix, i, j) = *place {
-                let matrix = match matrix {
-                    Matrix::A => &mut changed.a,
-                    Matrix::B => &mut changed.b,
-                    Matrix::C => &mut changed.c,
-                    Matrix::D => &mut changed.d,
-                };
-                let entry = &mut matrix[(i, j)];
-                *entry =
-                    effect.parameter("value").unwrap_or(*entry * effect.parameter("factor").unwrap_or(1.0));
-            }
-        }
-
+        let changed = with_changes(vehicle, effects, acts);
         let mut builder = Builder { nz: n, m, filters: Vec::new(), rests: Vec::new(), lags: Vec::new() };
         let signals = actuators(&mut builder, effects, acts);
-        let all = || effects.iter().zip(acts).enumerate();
-        let of = |kind: Kind| all().filter(move |(_, ((e, _), _))| e.kind() == kind);
-        let mut outputs = Vec::new();
-        for i in 0..vehicle.outputs.len() {
-            let mut ideal = builder.combine((0..m).map(|j| (changed.d[(i, j)], &signals[j])));
-            for k in 0..n {
-                ideal.z[k] += changed.c[(i, k)];
-            }
-            let mut lagged = ideal.clone();
-            for (_, ((effect, place), acts)) in of(Kind::SensorLag) {
-                if *place == Place::Output(i) {
-                    lagged = builder.lag(lagged, effect.get("time_constant_s"), *acts);
-                }
-            }
-            outputs.push((ideal, lagged));
-        }
-        let mut oscillators = Vec::new();
-        for (index, ((effect, place), _)) in of(Kind::PeriodicDisturbance) {
-            let Place::State(state) = *place else { continue };
-            let sine = builder.add_state();
-            builder.add_state();
-            oscillators.push(Oscillator {
-                state,
-                sine,
-                frequency_hz: effect.get("frequency_hz"),
-                phase_rad: effect.get("phase_rad"),
-                amplitude: effect.get("amplitude"),
-                switch: Switch::new(index, effect),
-            });
-        }
-
-        // An effect with a window acts during a whole combination, or not at all.
-        let (mut transitions, mut chosen) = (Vec::new(), None);
-        for (_, ((effect, _), acts)) in of(Kind::ModeTransition) {
-            match effect.window().is_always() {
-                true => transitions.push(effect),
-                false if *acts => chosen = Some(effect),
-                false => {}
-            }
-        }
-        transitions.sort_by(|a, b| a.get("at_s").total_cmp(&b.get("at_s")));
-        let mut models = vec![(changed.a.clone(), changed.b.clone())];
-        for effect in &transitions {
-            models.push(vehicle.successor(effect)?);
-        }
-        if let Some(effect) = chosen {
-            models.fill(vehicle.successor(effect)?);
-        }
+        let outputs = sensors(&mut builder, &changed, &signals, effects, acts);
+        let oscillators = oscillators(&mut builder, effects);
+        let (models, transitions_s) = models(vehicle, &changed, effects, acts)?;
         let stages = models.iter().map(|(a, b)| stage(&builder, &oscillators, &signals, a, b)).collect();
         let row = |form: &Form| Row::new(&builder.grown(form));
+        let rest = |(state, gain, signal, follows): &(usize, f64, Form, bool)| Rest {
+            state: *state,
+            gain: *gain,
+            signal: row(signal),
+            follows: *follows,
+        };
         Ok(Self {
             n,
             stages,
-            transitions_s: transitions.iter().map(|e| e.get("at_s")).collect(),
+            transitions_s,
             outputs: outputs.iter().map(|(ideal, lagged)| (row(ideal), row(lagged))).collect(),
-            rests: builder
-                .rests
-                .iter()
-                .map(|(state, gain, signal, follows)| Rest {
-                    state: *state,
-                    gain: *gain,
-                    signal: row(signal),
-                    follows: *follows,
-                })
-                .collect(),
+            rests: builder.rests.iter().map(rest).collect(),
             oscillators,
             lags: builder.lags,
         })
@@ -291,6 +229,24 @@ impl System {
     pub fn size(&self) -> usize {
         self.stages[0].0.nrows()
     }
+}
+
+/// The vehicle with the changes of its matrices that act.
+fn with_changes(vehicle: &Vehicle, effects: &[(Effect, Place)], acts: &[bool]) -> Vehicle {
+    let mut changed = vehicle.clone();
+    for ((effect, place), _) in effects.iter().zip(acts).filter(|(_, acts)| **acts) {
+        if let Place::Entry(matrix, i, j) = *place {
+            let matrix = match matrix {
+                Matrix::A => &mut changed.a,
+                Matrix::B => &mut changed.b,
+                Matrix::C => &mut changed.c,
+                Matrix::D => &mut changed.d,
+            };
+            let entry = &mut matrix[(i, j)];
+            *entry = effect.parameter("value").unwrap_or(*entry * effect.parameter("factor").unwrap_or(1.0));
+        }
+    }
+    changed
 }
 
 /// Signals that drive B: v with coupling, then lags and modes.
@@ -326,6 +282,81 @@ fn actuators(builder: &mut Builder, effects: &[(Effect, Place)], acts: &[bool]) 
         }
     }
     signals
+}
+
+/// The outputs, without and with the sensors' lags.
+fn sensors(
+    builder: &mut Builder,
+    changed: &Vehicle,
+    signals: &[Form],
+    effects: &[(Effect, Place)],
+    acts: &[bool],
+) -> Vec<(Form, Form)> {
+    let mut outputs = Vec::new();
+    for i in 0..changed.outputs.len() {
+        let mut ideal = builder.combine(signals.iter().enumerate().map(|(j, u)| (changed.d[(i, j)], u)));
+        for k in 0..changed.a.nrows() {
+            ideal.z[k] += changed.c[(i, k)];
+        }
+        let mut lagged = ideal.clone();
+        for ((effect, place), acts) in effects.iter().zip(acts) {
+            if effect.kind() == Kind::SensorLag && *place == Place::Output(i) {
+                lagged = builder.lag(lagged, effect.get("time_constant_s"), *acts);
+            }
+        }
+        outputs.push((ideal, lagged));
+    }
+    outputs
+}
+
+/// The sines on derivatives, each with two states.
+fn oscillators(builder: &mut Builder, effects: &[(Effect, Place)]) -> Vec<Oscillator> {
+    let mut oscillators = Vec::new();
+    for (index, (effect, place)) in effects.iter().enumerate() {
+        let (Kind::PeriodicDisturbance, Place::State(state)) = (effect.kind(), *place) else { continue };
+        let sine = builder.add_state();
+        builder.add_state();
+        oscillators.push(Oscillator {
+            state,
+            sine,
+            frequency_hz: effect.get("frequency_hz"),
+            phase_rad: effect.get("phase_rad"),
+            amplitude: effect.get("amplitude"),
+            switch: Switch::new(index, effect),
+        });
+    }
+    oscillators
+}
+
+/// A and B before and after each mode transition, with the times of these, ascending, s.
+type Models = (Vec<(DMatrix<f64>, DMatrix<f64>)>, Vec<f64>);
+
+/// The models between the mode transitions of the vehicle, of which the first is `changed`. A transition with a window acts
+/// during a whole combination, or not at all.
+fn models(
+    vehicle: &Vehicle,
+    changed: &Vehicle,
+    effects: &[(Effect, Place)],
+    acts: &[bool],
+) -> Result<Models, SimulatorError> {
+    let (mut transitions, mut chosen) = (Vec::new(), None);
+    let all = effects.iter().zip(acts).filter(|((effect, _), _)| effect.kind() == Kind::ModeTransition);
+    for ((effect, _), acts) in all {
+        match effect.window().is_always() {
+            true => transitions.push(effect),
+            false if *acts => chosen = Some(effect),
+            false => {}
+        }
+    }
+    transitions.sort_by(|a, b| a.get("at_s").total_cmp(&b.get("at_s")));
+    let mut models = vec![(changed.a.clone(), changed.b.clone())];
+    for effect in &transitions {
+        models.push(vehicle.successor(effect)?);
+    }
+    if let Some(effect) = chosen {
+        models.fill(vehicle.successor(effect)?);
+    }
+    Ok((models, transitions.iter().map(|effect| effect.get("at_s")).collect()))
 }
 
 fn stage(

@@ -141,29 +141,36 @@ pub fn check_autopilot(
     if let Some(text) = constant_sensors(autopilot.kind, &check.model, Errors::default) {
         (check.say)(Finding::Told(text));
     }
-    check.wait_for_outputs(options)?;
-    if check.flight.is_flying(&check.mixer, check.now()) {
-        (check.say)(Finding::Wrong(format!("{name} is armed: disarm it, then check again")));
-        return Ok(());
-    }
-    check.link();
-    let leveled = check.wait_for_level(options, place);
-    let has_motors = autopilot.mixer.frame != FrameKind::Ccpm;
-    if options.arm && !has_motors {
-        let text = "the outputs: a swashplate moves whether armed or not, so arming shows nothing";
-        (check.say)(Finding::Unknown(text.into()));
-    }
-    let armed = options.arm && has_motors && check.arm(options);
-    for axis in 0..AXES.len() {
-        if (leveled || armed) && !check.axis(axis, leveled, armed, options.timeout) {
-            break;
-        }
-    }
-    check.disarm();
-    Ok(())
+    check.run(options, place, autopilot.mixer.frame != FrameKind::Ccpm)
 }
 
 impl Check<'_> {
+    /// Makes the findings one after another; motors show whether the autopilot is armed.
+    ///
+    /// # Errors
+    /// No outputs arrive.
+    fn run(&mut self, options: &CheckOptions, place: &str, has_motors: bool) -> Result<(), NodeError> {
+        self.wait_for_outputs(options)?;
+        if self.flight.is_flying(&self.mixer, self.now()) {
+            (self.say)(Finding::Wrong(format!("{} is armed: disarm it, then check again", self.name)));
+            return Ok(());
+        }
+        self.link();
+        let leveled = self.wait_for_level(options, place);
+        if options.arm && !has_motors {
+            let text = "the outputs: a swashplate moves whether armed or not, so arming shows nothing";
+            (self.say)(Finding::Unknown(text.into()));
+        }
+        let armed = options.arm && has_motors && self.arm(options);
+        for axis in 0..AXES.len() {
+            if (leveled || armed) && !self.axis(axis, leveled, armed, options.timeout) {
+                break;
+            }
+        }
+        self.disarm();
+        Ok(())
+    }
+
     fn now(&self) -> Duration {
         self.origin.elapsed()
     }
