@@ -7,7 +7,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use whirlstand_campaign::Shard;
 
 use super::JsonArg;
-use super::quantity::{hertz, interval};
+use super::quantity::{hertz, moment};
 
 /// Hide effects in simulated records, diagnose the records, and count what is found.
 ///
@@ -77,7 +77,8 @@ pub(crate) struct BlindRunArgs {
     /// Whether a law flies the vehicle; --input is flown as it is.
     #[arg(long = "loop", value_enum, value_name = "LOOP", default_value_t = BlindLoop::Open, conflicts_with = "input")]
     pub control_loop: BlindLoop,
-    /// Shortest and longest drawn record, in seconds or with units [default: the generator's, 30:120 and 20:100]
+    /// Shortest and longest drawn record, or the length of all, in seconds or with units [default: the generator's, 30:120 and
+    /// 20:100]
     #[arg(long, value_name = "FROM:TO", value_parser = lengths, conflicts_with = "input")]
     pub length: Option<(f64, f64)>,
     /// Sampling rates to draw from, in Hz or with a unit, separated by commas [default: the generator's, 50,100,200
@@ -162,12 +163,14 @@ impl BlindCase {
     }
 }
 
-/// Reads `FROM:TO`, lengths of records.
+/// Reads `FROM:TO`, lengths of records, or one length.
 fn lengths(text: &str) -> Result<(f64, f64), String> {
-    match interval(text) {
-        Ok((from, to)) if from >= 5.0 && to <= 3600.0 => Ok((from, to)),
+    let (from, to) = text.split_once(':').unwrap_or((text, text));
+    match (moment(from), moment(to)) {
+        (Ok(from), Ok(to)) if 5.0 <= from && from <= to && to <= 3600.0 => Ok((from, to)),
         _ => Err(format!(
-            "'{text}' is not a range of lengths: write FROM:TO, as in 30:120 or \"30 s:2 min\", from 5 s to 3600 s"
+            "'{text}' is not a range of lengths: write FROM:TO, as in 30:120 or \"30 s:2 min\", or one length, from 5 s to \
+             3600 s"
         )),
     }
 }
@@ -179,5 +182,19 @@ fn rate(text: &str) -> Result<f64, String> {
         _ => Err(format!(
             "'{text}' is not a sampling rate: write Hz, from 5 to 1000, as in 200 or \"0.2 kHz\""
         )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::lengths;
+
+    #[test]
+    fn records_have_a_range_of_lengths_or_one() {
+        assert_eq!(lengths("30 s:2 min"), Ok((30.0, 120.0)));
+        assert_eq!((lengths("60"), lengths("60:60")), (Ok((60.0, 60.0)), Ok((60.0, 60.0))));
+        for wrong in ["60:20", "4", "5:3601", "long", ":"] {
+            assert!(lengths(wrong).is_err(), "{wrong}");
+        }
     }
 }
