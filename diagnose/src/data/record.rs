@@ -137,13 +137,20 @@ impl Data {
         })
     }
 
-    /// A simulator for the record that begins at a step. `None` when the vehicle has no finite
-    /// discretisation.
-    pub fn begin(&self, vehicle: &Vehicle, step: usize) -> Option<Simulator> {
-        let before = if self.held { self.commands(step) } else { &[] };
-        let mut simulator = Simulator::expected_from(vehicle, self.period_s, before).ok()?;
+    /// A simulator from which those of all records begin. `None` when the vehicle has no finite discretisation.
+    pub fn simulator(&self, vehicle: &Vehicle) -> Option<Simulator> {
+        Simulator::expected(vehicle, self.period_s).ok()
+    }
+
+    /// The simulator for the record that begins at a step. Most of the work is in that of all records: a log with gaps has
+    /// many short ones.
+    pub fn begin(&self, simulator: &Simulator, step: usize) -> Simulator {
+        let mut simulator = simulator.clone();
+        if self.held {
+            simulator.rest_at(self.commands(step));
+        }
         simulator.begin_at(self.clock(step));
-        Some(simulator)
+        simulator
     }
 
     /// A step on the clock of the original record to which it belongs.

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use whirlstand_ident::identify::normal::pseudo_inverse;
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Simulator, Vehicle};
 
 use crate::model::free_run::FreeRun;
 use crate::thresholds::MAX_AR_ORDER;
@@ -14,10 +14,11 @@ impl FreeRun<'_> {
     pub fn begun(&self, vehicle: &Vehicle, initial: &[f64], from: usize) -> Vec<f64> {
         let n = self.states();
         let mut begun = initial.to_vec();
+        let Some(at_rest) = self.data.simulator(vehicle) else { return begun };
         for (start, x) in self.data.starts.iter().zip(begun.chunks_exact_mut(n.max(1))) {
             if *start >= from {
                 x.fill(0.0);
-                let shown = self.shown(vehicle, *start);
+                let shown = self.shown((vehicle, &at_rest), *start);
                 x.iter_mut().zip(shown.iter().flat_map(DVector::iter)).for_each(|(x, shown)| *x = *shown);
             }
         }
@@ -25,9 +26,9 @@ impl FreeRun<'_> {
     }
 
     /// The smallest state with which the first samples from a step on agree.
-    fn shown(&self, vehicle: &Vehicle, start: usize) -> Option<DVector<f64>> {
+    fn shown(&self, (vehicle, at_rest): (&Vehicle, &Simulator), start: usize) -> Option<DVector<f64>> {
         let data = self.data;
-        let mut simulator = data.begin(vehicle, start)?;
+        let mut simulator = data.begin(at_rest, start);
         simulator.set_state(&vec![0.0; self.states()]);
         simulator.apply(data.commands(start));
         let y = simulator.measure();

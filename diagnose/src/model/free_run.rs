@@ -142,8 +142,8 @@ impl<'d> FreeRun<'d> {
         if data.memory_s.is_some() && self.observer.is_none() {
             return Err(ModelError::Diverged);
         }
-        let begin = |step: usize| data.begin(vehicle, step).ok_or(ModelError::Diverged);
-        let mut simulator = begin(0)?;
+        let at_rest = data.simulator(vehicle).ok_or(ModelError::Diverged)?;
+        let mut simulator = data.begin(&at_rest, 0);
         let (mut errors, mut change) = (vec![0.0; data.channels.len()], vec![0.0; self.states()]);
         let mut records = data.starts.iter().zip(initial.chunks_exact(self.states().max(1))).peekable();
         for (k, u) in data.inputs.chunks_exact(data.m).enumerate() {
@@ -152,7 +152,7 @@ impl<'d> FreeRun<'d> {
                     return Err(ModelError::Diverged);
                 }
                 if k > 0 {
-                    simulator = begin(k)?;
+                    simulator = data.begin(&at_rest, k);
                 }
                 simulator.set_state(state);
             }
@@ -245,8 +245,9 @@ impl<'d> FreeRun<'d> {
         let mut known: Option<Rows> = None;
         let ends = data.starts.iter().copied().skip(1).chain([data.steps]);
         let n = self.states();
+        let at_rest = data.simulator(vehicle).ok_or(ModelError::Diverged)?;
         for (record, (start, end)) in data.starts.iter().copied().zip(ends).enumerate() {
-            let mut simulator = data.begin(vehicle, start).ok_or(ModelError::Diverged)?;
+            let mut simulator = data.begin(&at_rest, start);
             simulator.set_state(&initial[record * n..(record + 1) * n]);
             let rows = known.get_or_insert_with(|| simulator.rows());
             for (block, inputs) in

@@ -14,7 +14,7 @@ use super::flown::Flight;
 use super::mixer::Mixer;
 use super::names::model_name;
 use super::own_past::starts;
-use super::proposal::{Choice, Chosen, rate_of};
+use super::proposal::{Choice, Chosen, is_integral};
 use super::reading::own_samples;
 use super::structure::rounded;
 use super::survey::Link;
@@ -106,19 +106,21 @@ fn integrals(
     angles: &[Chosen],
     left_out: &mut Vec<LeftOut>,
 ) -> Result<Vec<(Chosen, Angle)>, DraftError> {
-    let there = |rate: &str| axes.iter().any(|a| a.tried.fit.problem.vehicle.outputs[0].name == rate);
+    let rates = || axes.iter().map(|a| &a.tried.fit.problem.vehicle.outputs[0].name);
     let mut found = Vec::new();
     for chosen in angles {
-        let (Some(rate), Some(signal)) = (rate_of(&chosen.name), record.get(&chosen.name)) else { continue };
+        let Some(signal) = record.get(&chosen.name) else { continue };
         let mut leave =
             |why: &str| left_out.push(LeftOut { output: chosen.name.clone(), why: why.to_string() });
-        if !there(rate) {
+        let Some(rate) = rates().find(|rate| is_integral(&chosen.name, rate)) else {
             leave("its rate is not an axis of the model");
-        } else if signal.values.windows(2).any(|w| (w[1] - w[0]).abs() > std::f64::consts::PI) {
+            continue;
+        };
+        if signal.values.windows(2).any(|w| (w[1] - w[0]).abs() > std::f64::consts::PI) {
             leave("it wraps around, which a linear model cannot do");
         } else {
             let unit = signal.unit.parse().unwrap_or_default();
-            found.push((chosen.clone(), Angle { name: chosen.name.clone(), unit, rate: rate.into() }));
+            found.push((chosen.clone(), Angle { name: chosen.name.clone(), unit, rate: rate.clone() }));
         }
     }
     let all: Vec<Angle> = found.iter().map(|(_, angle)| angle.clone()).collect();

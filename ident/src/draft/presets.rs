@@ -19,10 +19,6 @@ pub struct Family {
     pub motors: &'static [&'static str],
 }
 
-/// Angles with the rates of which they are the integrals.
-pub const INTEGRALS: [(&str, &str); 3] =
-    [("roll", "roll_rate"), ("pitch", "pitch_rate"), ("yaw", "yaw_rate")];
-
 /// Inputs whose path to the vehicle is not linear, by the beginning of their names in a log, and why.
 pub const NONLINEAR_INPUTS: [(&str, &str); 1] =
     [("main.rcCommand", "the pilot's stick before its curve of rates and expo, which no linear model has")];

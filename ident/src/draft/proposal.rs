@@ -3,7 +3,7 @@
 use super::controls;
 use super::error::DraftError;
 use super::names::{bare, last_part, valid_name, vehicle_name};
-use super::presets::{FAMILIES, Family, INTEGRALS, Known, NONLINEAR_INPUTS};
+use super::presets::{FAMILIES, Family, Known, NONLINEAR_INPUTS};
 
 /// A signal in a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -266,15 +266,17 @@ fn distinct(proposal: &mut Proposal) {
 impl Proposal {
     /// The same with angles in place of their rates; `None` where no rate has its angle.
     pub fn with_angles(&self) -> Option<Self> {
-        let angle = |rate: &Chosen| self.outputs.iter().any(|o| rate_of(&o.name) == Some(&rate.name));
+        let angle = |rate: &Chosen| self.outputs.iter().any(|o| is_integral(&o.name, &rate.name));
         let (unexplained, outputs): (Vec<_>, Vec<_>) = self.outputs.iter().cloned().partition(angle);
         (!unexplained.is_empty()).then(|| Self { outputs, unexplained, ..self.clone() })
     }
 }
 
-/// The rate of which an output is the integral, if it is an angle of the vehicle.
-pub fn rate_of(output: &str) -> Option<&'static str> {
-    INTEGRALS.iter().find(|(angle, _)| *angle == output).map(|(_, rate)| *rate)
+/// True where the names of two outputs say that the first is the integral of the second: `roll` or `roll_angle` of
+/// `roll_rate`.
+pub fn is_integral(angle: &str, rate: &str) -> bool {
+    let stem = rate.strip_suffix("_rate");
+    stem.is_some_and(|stem| angle == stem || angle.strip_suffix("_angle") == Some(stem))
 }
 
 #[cfg(test)]
@@ -293,6 +295,14 @@ mod tests {
 
     fn pairs(chosen: &[Chosen]) -> Vec<(&str, &str)> {
         chosen.iter().map(|c| (c.name.as_str(), c.source.as_str())).collect()
+    }
+
+    #[test]
+    fn names_say_which_angle_is_the_integral_of_which_rate() {
+        for (angle, rate) in [("roll", "roll_rate"), ("body", "body_rate"), ("arm_2_angle", "arm_2_rate")] {
+            assert!(is_integral(angle, rate) && !is_integral(rate, angle) && !is_integral(rate, rate));
+        }
+        assert!(!is_integral("pitch", "roll_rate") && !is_integral("roll", "roll"));
     }
 
     #[test]

@@ -13,7 +13,7 @@ use super::flown::Flight;
 use super::intersample::likelier;
 use super::mixer::Mixer;
 use super::own_past::{compare, takes_away};
-use super::proposal::{Chosen, Proposal, propose, rate_of};
+use super::proposal::{Chosen, Proposal, is_integral, propose};
 use super::reading::{open_all, read_chosen};
 use super::select::answers_the_input;
 use super::structure::{Actuators, Signals};
@@ -112,8 +112,11 @@ fn from_inputs(
 ) -> Result<Draft, DraftError> {
     let record = &flight.record;
     check_motors(record, &proposal.motors, &inputs)?;
-    let (angles, outputs): (Vec<Chosen>, Vec<Chosen>) =
-        proposal.outputs.iter().cloned().partition(|o| is_integral(o, &proposal.outputs));
+    let (angles, outputs): (Vec<Chosen>, Vec<Chosen>) = proposal
+        .outputs
+        .iter()
+        .cloned()
+        .partition(|o| proposal.outputs.iter().any(|rate| is_integral(&o.name, &rate.name)));
     let unexplained = |rate: &Chosen| LeftOut {
         output: rate.name.clone(),
         why: "the inputs do not explain it on held-out data, but its angle".into(),
@@ -136,11 +139,6 @@ fn from_inputs(
         return Err(refused(DraftError::NoStructure { log: logs.join(", "), found: found.join("; ") }));
     }
     finish((logs, names), flight, (&axes, mixer.as_ref()), &angles, left_out)
-}
-
-/// True for an angle whose rate is among the outputs.
-fn is_integral(output: &Chosen, outputs: &[Chosen]) -> bool {
-    rate_of(&output.name).is_some_and(|rate| outputs.iter().any(|o| o.name == rate))
 }
 
 /// The record resampled to the steps that the fit needs, whole multiples of its own.

@@ -141,6 +141,13 @@ impl Extended {
         }
     }
 
+    /// Sets what has a memory of commands to where it is after these were held.
+    pub fn rest_at(&mut self, commands: &[f64]) {
+        for ((chain, delay), command) in self.chains.iter_mut().zip(&mut self.delays).zip(commands) {
+            delay.rest_at(chain.rest_at(*command));
+        }
+    }
+
     /// Sets the resting inputs, and filters to their steady state.
     pub fn rest(&self, z: &mut [f64], drive: &mut [f64]) {
         for (value, delay) in drive.iter_mut().zip(&self.delays) {

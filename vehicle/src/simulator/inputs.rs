@@ -20,6 +20,11 @@ impl RateLimit {
         Self { step: limit_per_s * period_s, position: start }
     }
 
+    /// Begins at another value.
+    pub fn begin_at(&mut self, start: f64) {
+        self.position = start;
+    }
+
     /// Mean value over the next period for the given `target`.
     pub fn next(&mut self, target: f64) -> f64 {
         let gap = target - self.position;
@@ -97,24 +102,37 @@ impl Chain {
         period_s: f64,
     ) -> Self {
         let mut links = Vec::new();
-        let mut rest = neutral;
         for kind in ORDER {
             for (index, effect) in effects.clone().filter(|(_, e)| e.kind() == kind) {
-                let mut link = match kind {
+                let link = match kind {
                     Kind::InputGain => Link::Gain(effect.get("factor")),
                     Kind::GainDrift => Link::Drift(effect.get("rate_per_s")),
                     Kind::InputBias => Link::Bias(effect.get("offset")),
                     Kind::DeadZone => Link::DeadZone(effect.get("width")),
                     Kind::InputSaturation => Link::Saturation(effect.get("lower"), effect.get("upper")),
-                    Kind::RateLimit => Link::Rate(RateLimit::new(effect.get("limit_per_s"), period_s, rest)),
-                    _ => Link::Backlash(Backlash::new(effect.get("width"), rest)),
+                    Kind::RateLimit => {
+                        Link::Rate(RateLimit::new(effect.get("limit_per_s"), period_s, neutral))
+                    }
+                    _ => Link::Backlash(Backlash::new(effect.get("width"), neutral)),
                 };
-                let switch = Switch::new(index, effect);
-                rest = link.next_if(&switch, rest, 0.0);
-                links.push((switch, link));
+                links.push((Switch::new(index, effect), link));
             }
         }
-        Self(links)
+        let mut chain = Self(links);
+        chain.rest_at(neutral);
+        chain
+    }
+
+    /// Sets rate limits and backlashes to where they are after the command `u` was held; returns the signal there.
+    pub fn rest_at(&mut self, u: f64) -> f64 {
+        self.0.iter_mut().fold(u, |u, (switch, link)| {
+            match link {
+                Link::Rate(limit) => limit.begin_at(u),
+                Link::Backlash(play) => play.position = u,
+                _ => {}
+            }
+            link.next_if(switch, u, 0.0)
+        })
     }
 
     /// The chain of an input, and its delay, in which the chain's output at `neutral` is held.
@@ -123,10 +141,10 @@ impl Chain {
         neutral: f64,
         period_s: f64,
     ) -> (Self, Delay) {
-        let chain = Self::new(effects.clone(), neutral, period_s);
+        let mut chain = Self::new(effects.clone(), neutral, period_s);
         let delays = effects.filter(|(_, e)| e.kind() == Kind::InputDelay);
         let longest_s = delays.map(|(_, e)| e.get("delay_s")).sum();
-        let rest = chain.clone().next(neutral, 0.0);
+        let rest = chain.rest_at(neutral);
         (chain, Delay::new(longest_s, period_s, rest))
     }
 
@@ -207,6 +225,11 @@ impl Delay {
         // Bounded by the table: 60 s.
         let whole = whole as usize;
         Self { fraction_s, whole, ring: vec![rest; whole + 2], newest: 0 }
+    }
+
+    /// Holds a value that was there for longer than the delay.
+    pub fn rest_at(&mut self, value: f64) {
+        self.ring.fill(value);
     }
 
     /// Sets another delay, whole periods and a remainder in s, at most the longest.

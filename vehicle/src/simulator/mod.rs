@@ -99,6 +99,7 @@ pub struct Simulator {
 struct Limit {
     lower: f64,
     upper: f64,
+    neutral: f64,
     rate: Option<RateLimit>,
 }
 
@@ -106,7 +107,13 @@ impl Limit {
     fn new(input: &Input, period_s: f64, resting: f64) -> Self {
         let rate = input.rate_limit;
         let rate = rate.is_finite().then(|| RateLimit::new(rate, period_s, resting));
-        Self { lower: input.lower, upper: input.upper, rate }
+        Self { lower: input.lower, upper: input.upper, neutral: input.neutral(), rate }
+    }
+
+    /// The command that was held before a record, where it is known and finite.
+    fn held(&self, command: Option<&f64>) -> f64 {
+        let known = command.filter(|u| u.is_finite());
+        known.map_or(self.neutral, |u| u.clamp(self.lower, self.upper))
     }
 
     /// The command within the limits; `before` is the last one, which replaces NaN.
@@ -149,7 +156,7 @@ impl Simulator {
     /// # Errors
     /// When the period is not positive, an effect does not fit the vehicle, or the model overflows in one period.
     pub fn new(vehicle: &Vehicle, period_s: f64, seed: u64) -> Result<Self, SimulatorError> {
-        Self::build(vehicle, period_s, Some(seed), None)
+        Self::build(vehicle, period_s, Some(seed))
     }
 
     /// A simulator of expected values: without noise, dropouts, outliers and turbulence, without rounding,
@@ -159,7 +166,7 @@ impl Simulator {
     /// # Errors
     /// As [`Simulator::new`].
     pub fn expected(vehicle: &Vehicle, period_s: f64) -> Result<Self, SimulatorError> {
-        Self::build(vehicle, period_s, None, None)
+        Self::build(vehicle, period_s, None)
     }
 
     /// A simulator as [`Simulator::expected`], for a record that begins during a motion: the commands are
@@ -169,15 +176,26 @@ impl Simulator {
     /// # Errors
     /// As [`Simulator::new`].
     pub fn expected_from(vehicle: &Vehicle, period_s: f64, commands: &[f64]) -> Result<Self, SimulatorError> {
-        Self::build(vehicle, period_s, None, Some(commands))
+        let mut simulator = Self::build(vehicle, period_s, None)?;
+        simulator.rest_at(commands);
+        Ok(simulator)
     }
 
-    fn build(
-        vehicle: &Vehicle,
-        period_s: f64,
-        seed: Option<u64>,
-        before: Option<&[f64]>,
-    ) -> Result<Self, SimulatorError> {
+    /// Begins as [`Simulator::expected_from`] after other commands. To be called before the first step.
+    pub fn rest_at(&mut self, commands: &[f64]) {
+        for (i, (applied, limit)) in self.applied.iter_mut().zip(&mut self.limits).enumerate() {
+            *applied = limit.held(commands.get(i));
+            if let Some(rate) = &mut limit.rate {
+                rate.begin_at(*applied);
+            }
+        }
+        if let Dynamics::Extended(extended) = &mut self.dynamics {
+            extended.rest_at(&self.applied);
+        }
+        self.rest();
+    }
+
+    fn build(vehicle: &Vehicle, period_s: f64, seed: Option<u64>) -> Result<Self, SimulatorError> {
         if !(period_s.is_finite() && period_s > 0.0) {
             return Err(SimulatorError::Period(period_s));
         }
@@ -194,11 +212,7 @@ impl Simulator {
         let sensors = Sensors::new(vehicle, &combinations, &effects, period_s, seed);
         let disturbances = Disturbances::new(&effects, system.oscillators.clone(), n, period_s, seed);
 
-        let resting = |(i, input): (usize, &crate::model::Input)| {
-            let command = before.and_then(|b| b.get(i)).filter(|u| u.is_finite());
-            command.map_or_else(|| input.neutral(), |u| u.clamp(input.lower, input.upper))
-        };
-        let resting: Vec<f64> = vehicle.inputs.iter().enumerate().map(resting).collect();
+        let resting: Vec<f64> = vehicle.inputs.iter().map(Input::neutral).collect();
         let dynamics = if effects.iter().any(acts_on_motion) || sensors.has_delay() {
             let extended =
                 Extended::new(&effects, &combinations, &resting, period_s, &sensors, &disturbances);

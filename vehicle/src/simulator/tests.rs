@@ -370,6 +370,9 @@ fn a_record_from_the_middle_of_a_motion_holds_its_first_command() {
     // The command was 2 before and stays: the force is constant, with the backlash taken up.
     let vehicle = with(cart(), &late);
     let held = speeds(Simulator::expected_from(&vehicle, PERIOD, &[2.0]).unwrap());
+    let mut again = Simulator::expected_from(&vehicle, PERIOD, &[-1.0]).unwrap();
+    again.rest_at(&[2.0]);
+    assert_eq!(held, speeds(again));
     let force = held[0] / PERIOD;
     assert!((1.85..=2.0).contains(&force), "{force}");
     for (k, v) in held.iter().enumerate() {
