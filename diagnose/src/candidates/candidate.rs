@@ -62,11 +62,6 @@ impl Candidate {
         self.is_event() || self.kind == Kind::PeriodicDisturbance
     }
 
-    /// True for an actuator that does not follow every command: its response has corners.
-    pub fn is_hard(&self) -> bool {
-        matches!(self.kind, Kind::DeadZone | Kind::Backlash | Kind::RateLimit | Kind::InputSaturation)
-    }
-
     /// True for a force on one state that happens once.
     pub fn is_event(&self) -> bool {
         matches!(self.kind, Kind::StepDisturbance | Kind::PulseDisturbance)

@@ -13,8 +13,6 @@ use crate::model::optimum::{ModelError, Optimum};
 pub enum Effort {
     /// A few steps under one noise model: enough to rank a candidate.
     Glance,
-    /// As many steps under one noise model as it takes from a distant start to where a few more rank it. Cost.
-    Descent,
     /// Iterate to the optimum.
     Full,
 }
@@ -24,7 +22,6 @@ impl Effort {
     pub(super) fn rounds(self) -> (usize, usize) {
         match self {
             Effort::Glance => (1, 3),
-            Effort::Descent => (1, 10),
             Effort::Full => (20, 6),
         }
     }

@@ -14,7 +14,7 @@ use crate::model::fit::{Effort, Fit, Model};
 use crate::model::noise::Noise;
 use crate::model::score_test::{ScoreTest, ScoredStart};
 use crate::model::step_response::Responses;
-use crate::search::alternative::{Alternative, SearchSpace, fitted, fitted_with, joined};
+use crate::search::alternative::{Alternative, SearchSpace, fitted, fitted_with};
 use crate::search::survey_order::{once, simpler_first};
 use whirlstand_ident::watch::{Counter, Watch};
 
@@ -139,8 +139,8 @@ fn profiles(
 struct Glance {
     /// Index of the alternative.
     i: usize,
-    /// Values of all parameters, the candidate's last.
-    values: Vec<f64>,
+    /// Values of the candidate's parameters.
+    own: Vec<f64>,
     /// Possible gain in BIC: a few steps from a start may end far from the gain that the score predicts,
     /// which counts until the candidate is fitted.
     promise: f64,
@@ -151,28 +151,21 @@ struct Glance {
 /// Fits the most likely candidates: the first ones by a few steps, then to the optimum those whose possible
 /// gain is close to the best gain.
 fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, Vec<f64>)], watch: &Watch) {
-    let alone = model.free_run.data.is_long();
     let glance = |(i, (t, start)): (usize, &(Alternative, Vec<f64>))| {
         if watch.is_stopped() {
             return None;
         }
-        let begun = |(start, effort): (Vec<f64>, _)| fitted_with(model, fit, &t.candidate, start, effort);
-        let mut starts = vec![(start.clone(), Effort::Glance)];
-        if is_absorbed(model, &t.candidate) {
-            starts.extend(t.candidate.starts.iter().map(|start| (start.clone(), Effort::Descent)));
-        }
-        let glances = fits(starts, alone, begun).into_iter();
-        let glance = glances.max_by(|a, b| a.delta_bic.total_cmp(&b.delta_bic))?;
+        let glance = fitted_with(model, fit, &t.candidate, start.clone(), Effort::Glance)?;
         let values = glance.optimum?.values;
+        let own = values[values.len() - t.candidate.tunables.len()..].to_vec();
         let promise = glance.delta_bic.max(t.delta_bic);
         let sure = if t.candidate.linear { promise } else { glance.delta_bic };
-        Some(Glance { i, values, promise, sure })
+        Some(Glance { i, own, promise, sure })
     };
     watch.tell("fitting the most likely causes");
-    let hopeful = alternatives
-        .iter()
-        .enumerate()
-        .filter(|(i, (t, _))| *i < GLANCED && t.delta_bic > HOPELESS_BIC || is_absorbed(model, &t.candidate));
+    let hopeful =
+        alternatives.iter().enumerate().take(GLANCED).filter(|(_, (t, _))| t.delta_bic > HOPELESS_BIC);
+    let alone = model.free_run.data.is_long();
     let mut glances = fits(hopeful.collect(), alone, glance);
     glances.sort_by(|a, b| b.promise.total_cmp(&a.promise));
     let best = glances.iter().map(|g| g.sure).fold(0.0, f64::max);
@@ -186,26 +179,11 @@ fn fit_best(model: &Model<'_, '_>, fit: &Fit, alternatives: &mut [(Alternative, 
         if watch.is_stopped() {
             return None;
         }
-        let candidate = &alternatives[g.i].0.candidate;
-        let own = || g.values[g.values.len() - candidate.tunables.len()..].to_vec();
-        // What had absorbed an effect has moved as far as the effect.
-        let fitted = if is_absorbed(model, candidate) {
-            joined(model, fit, candidate, g.values, Effort::Full)
-        } else {
-            fitted(model, fit, candidate, own())
-        };
-        Some((fitted?, g.i))
+        Some((fitted(model, fit, &alternatives[g.i].0.candidate, g.own)?, g.i))
     };
     for (fitted, i) in fits(glances, alone, full) {
         alternatives[i].0 = fitted;
     }
-}
-
-/// True for an effect that free parameters may have absorbed: a vehicle that was fitted to what an actuator with a limit did
-/// has a lag in its place. From there the score, which asks for small changes, sees nothing of the limit; with the lag
-/// fitted anew, each start leads to a minimum of its own. The first cause is looked for so; beside it, nothing is absorbed.
-fn is_absorbed(model: &Model<'_, '_>, candidate: &Candidate) -> bool {
-    !model.free.is_empty() && model.terms.is_empty() && candidate.is_hard()
 }
 
 /// Makes fits side by side, or one after another.
