@@ -3,9 +3,9 @@
 
 use nalgebra::DMatrix;
 
-use super::Limit;
 use super::compile::System;
 use super::inputs::{Chain, Delay};
+use super::limit::Limit;
 use crate::discretise::discretise;
 use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;

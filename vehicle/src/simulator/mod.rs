@@ -32,6 +32,7 @@ mod kernel;
 mod known_steps;
 mod lanes;
 mod lawson;
+mod limit;
 mod linear_model;
 mod motion;
 mod nonlinear;
@@ -63,6 +64,7 @@ use self::disturbances::Disturbances;
 use self::divergence::LARGEST;
 use self::extended::Extended;
 use self::kernel::{Kernel, Work};
+use self::limit::Limit;
 use self::sensors::Sensors;
 use crate::effects::{Effect, Kind, Place};
 use crate::error::SimulatorError;
@@ -93,38 +95,6 @@ pub struct Simulator {
     engine: Engine,
     /// Index of the first state, or filter state, that diverged.
     lost: Option<usize>,
-}
-
-#[derive(Debug, Clone)]
-struct Limit {
-    lower: f64,
-    upper: f64,
-    neutral: f64,
-    rate: Option<RateLimit>,
-}
-
-impl Limit {
-    fn new(input: &Input, period_s: f64, resting: f64) -> Self {
-        let rate = input.rate_limit;
-        let rate = rate.is_finite().then(|| RateLimit::new(rate, period_s, resting));
-        Self { lower: input.lower, upper: input.upper, neutral: input.neutral(), rate }
-    }
-
-    /// The command that was held before a record, where it is known and finite.
-    fn held(&self, command: Option<&f64>) -> f64 {
-        let known = command.filter(|u| u.is_finite());
-        known.map_or(self.neutral, |u| u.clamp(self.lower, self.upper))
-    }
-
-    /// The command within the limits; `before` is the last one, which replaces NaN.
-    #[inline(always)]
-    fn next(&mut self, u: f64, before: f64) -> f64 {
-        let wanted = if u.is_nan() { before } else { u.max(self.lower).min(self.upper) };
-        match &mut self.rate {
-            None => wanted,
-            Some(rate) => rate.next(wanted),
-        }
-    }
 }
 
 /// True when an effect changes the motion, not only the measurements. A lag of a sensor is integrated with
@@ -184,10 +154,7 @@ impl Simulator {
     /// Begins as [`Simulator::expected_from`] after other commands. To be called before the first step.
     pub fn rest_at(&mut self, commands: &[f64]) {
         for (i, (applied, limit)) in self.applied.iter_mut().zip(&mut self.limits).enumerate() {
-            *applied = limit.held(commands.get(i));
-            if let Some(rate) = &mut limit.rate {
-                rate.begin_at(*applied);
-            }
+            *applied = limit.rest_at(commands.get(i));
         }
         if let Dynamics::Extended(extended) = &mut self.dynamics {
             extended.rest_at(&self.applied);
