@@ -21,14 +21,18 @@ const PORT: &str = "127.0.0.1:5761";
 const ASKED: &[u8] = b"$M<\x00\x01\x01";
 const ANSWERED: &[u8] = b"$M>";
 
-/// Port at which Betaflight receives the sensors, and the one at which it expects whoever moves the motors.
+/// Port at which Betaflight receives the sensors, and the one at which the bridge expects the motors' pulses.
 const SENSORS: &str = "127.0.0.1:9003";
-const MOTORS: &str = "127.0.0.1:9002";
+const PULSES: &str = "127.0.0.1:9001";
+
+/// Number of states, one after the other, that are answered with pulses before Betaflight counts as started.
+const ANSWERS: usize = 20;
 
 /// Starts the program in a folder of its own for its settings, and again until it answers. About one start in fifty
 /// ends with a port that is bound and never served: the thread that serves its sockets releases those that are closed,
 /// and one that the main thread has made and not yet opened is closed too (`dyad_newStream`, `destroyClosedStreams`).
-/// That may be a socket of the sensors or of the motors as well.
+/// And of 40 starts one to nine end without a control loop (6 series on two processors): MSP is answered, and of the
+/// states the first, from the thread that receives them, but no other for as long as it runs.
 fn betaflight(program: &Path, folder: &Path) -> Running {
     let until = Instant::now() + HUNG;
     loop {
@@ -62,14 +66,16 @@ fn answers(until: Instant) -> bool {
     false
 }
 
-/// Whether Betaflight answers the sensors of a vehicle at rest: it does so at once after half a second of silence.
+/// Whether Betaflight's control loop answers the states of a vehicle at rest. The first state after half a second of
+/// silence is answered to another port, without that loop.
 fn moves_motors() -> bool {
-    let link = UdpSocket::bind(MOTORS).unwrap();
-    link.set_read_timeout(Some(Duration::from_millis(600))).unwrap();
+    let link = UdpSocket::bind(PULSES).unwrap();
+    link.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
     // Time, rates, accelerations, quaternion, velocity, position, pressure: `fdm_packet`.
     let mut packet = [0; 18 * 8];
     packet[7 * 8..8 * 8].copy_from_slice(&1.0f64.to_le_bytes());
-    (0..5).any(|_| link.send_to(&packet, SENSORS).is_ok() && link.recv(&mut [0; 64]).is_ok())
+    let ask = || link.send_to(&packet, SENSORS).is_ok() && link.recv(&mut [0; 64]).is_ok();
+    (0..2 * ANSWERS).filter(|_| ask()).count() >= ANSWERS
 }
 
 /// Types into Betaflight's command line and reads up to the next prompt, or to the end; whether the prompt came.

@@ -295,7 +295,12 @@ fn record_info(path: &Path, record: &Record) -> LogInfo {
         duration: record.duration(),
         signals: signals.collect(),
         sampling: Some(Sampling::of(&record.time)),
-        remarks: record.unreadable().iter().map(|u| format!("left out: {u}")).collect(),
+        remarks: record
+            .unreadable()
+            .iter()
+            .map(|u| format!("left out: {u}"))
+            .chain(record.repeated_times_remark())
+            .collect(),
         ..empty(path, "csv")
     }
 }

@@ -36,6 +36,8 @@ pub struct Record {
     unreadable: Vec<Unreadable>,
     #[serde(skip)]
     missing_marks: Vec<MissingMark>,
+    #[serde(skip)]
+    repeated_times: usize,
 }
 
 impl Record {
@@ -58,6 +60,7 @@ impl Record {
                 signals: Vec::new(),
                 unreadable: Vec::new(),
                 missing_marks: Vec::new(),
+                repeated_times: 0,
             }),
         }
     }
@@ -153,6 +156,23 @@ impl Record {
         &self.missing_marks
     }
 
+    /// Number of rows of the file that are left out because the row after them has the same time.
+    pub fn repeated_times(&self) -> usize {
+        self.repeated_times
+    }
+
+    /// That number in words, unless it is zero.
+    pub fn repeated_times_remark(&self) -> Option<String> {
+        let rows = self.repeated_times;
+        (rows > 0).then(|| format!("{rows} rows have the same time as the row after them and are left out"))
+    }
+
+    /// Stores that number.
+    pub(crate) fn with_repeated_times(mut self, rows: usize) -> Self {
+        self.repeated_times = rows;
+        self
+    }
+
     /// Adds a signal of a file as [`Record::push`], without the numbers that stand for missing values. `convert` turns a number
     /// of the file into one of the signal.
     pub(crate) fn push_read(
@@ -213,19 +233,7 @@ impl Record {
     pub fn between(&self, from: f64, to: f64) -> Self {
         let start = self.time.partition_point(|t| *t < from);
         let end = self.time.partition_point(|t| *t <= to).max(start);
-        Self {
-            origin: self.origin.clone(),
-            time_unit: self.time_unit.clone(),
-            time: self.time[start..end].to_vec(),
-            whole_from: Some(self.begins_at()),
-            signals: self
-                .signals
-                .iter()
-                .map(|s| Signal { values: s.values[start..end].to_vec(), ..s.clone_head() })
-                .collect(),
-            unreadable: self.unreadable.clone(),
-            missing_marks: self.missing_marks.clone(),
-        }
+        self.part(self.time[start..end].to_vec(), |values| values[start..end].to_vec())
     }
 
     /// The points of this record and those of another, which follow after a pause of `pause_s` on the same time axis:
@@ -241,6 +249,7 @@ impl Record {
         let end = self.time.last().map_or(begins, |last| last + pause_s);
         self.time.extend(next.time.iter().map(|t| end + (t - begins)));
         self.origin = format!("{}, {}", self.origin, next.origin);
+        self.repeated_times += next.repeated_times;
         for mark in &next.missing_marks {
             match self.missing_marks.iter_mut().find(|own| own.name == mark.name && own.mark == mark.mark) {
                 Some(own) => own.cells += mark.cells,
@@ -255,18 +264,24 @@ impl Record {
         fn chosen(values: &[f64], kept: &[bool]) -> Vec<f64> {
             values.iter().zip(kept).filter(|(_, kept)| **kept).map(|(value, _)| *value).collect()
         }
+        self.part(chosen(&self.time, kept), |values| chosen(values, kept))
+    }
+
+    /// A part of the record: some of its points.
+    fn part(&self, time: Vec<f64>, of: impl Fn(&[f64]) -> Vec<f64>) -> Self {
         Self {
             origin: self.origin.clone(),
             time_unit: self.time_unit.clone(),
-            time: chosen(&self.time, kept),
+            time,
             whole_from: Some(self.begins_at()),
             signals: self
                 .signals
                 .iter()
-                .map(|s| Signal { values: chosen(&s.values, kept), ..s.clone_head() })
+                .map(|s| Signal { values: of(&s.values), ..s.clone_head() })
                 .collect(),
             unreadable: self.unreadable.clone(),
             missing_marks: self.missing_marks.clone(),
+            repeated_times: self.repeated_times,
         }
     }
 
@@ -280,6 +295,7 @@ impl Record {
             signals,
             unreadable: Vec::new(),
             missing_marks: self.missing_marks.iter().filter(|m| names.contains(&m.name)).cloned().collect(),
+            repeated_times: self.repeated_times,
             time: self.time.clone(),
             whole_from: self.whole_from,
             origin: self.origin.clone(),
@@ -330,63 +346,4 @@ impl Signal {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn record() -> Record {
-        let mut record = Record::new("test.csv", vec![0.0, 0.5, 1.0, 1.5]).unwrap();
-        record.push("roll", "rad", vec![1.0, 2.0, 3.0, 4.0]).unwrap();
-        record.push("/imu.pitch", "rad", vec![0.0; 4]).unwrap();
-        record
-    }
-
-    #[test]
-    fn a_missing_signal_names_what_there_is_and_what_was_meant() {
-        let text = record().signal("rol").unwrap_err().to_string();
-        assert_eq!(
-            text,
-            "test.csv has no signal 'rol' (did you mean 'roll'?). It has: roll, /imu.pitch. Use --map rol=NAME[unit] to say which one it is."
-        );
-        assert!(record().signal("pitch").unwrap_err().to_string().contains("mean '/imu.pitch'?"));
-        assert!(!record().signal("u_thrust").unwrap_err().to_string().contains("did you mean"));
-    }
-
-    #[test]
-    fn a_part_keeps_its_time() {
-        let part = record().between(0.4, 1.0);
-        assert_eq!(part.time, [0.5, 1.0]);
-        assert_eq!(part.signal("roll").unwrap().values, [2.0, 3.0]);
-        assert!(record().between(7.0, 3.0).is_empty());
-        assert_eq!(record().duration(), 1.5);
-    }
-
-    #[test]
-    fn mappings_rename_what_is_there() {
-        let maps: Vec<Mapping> =
-            ["pitch=-/imu.pitch", "heel=roll[deg]"].iter().map(|m| m.parse().unwrap()).collect();
-        let mapped = record().mapped(&maps).unwrap();
-        assert_eq!(mapped.names(), ["pitch", "heel"]);
-        assert_eq!(mapped.signal("heel").unwrap().values[1], 2f64 * (std::f64::consts::PI / 180.0));
-    }
-
-    #[test]
-    fn a_length_is_no_angle() {
-        let mut record = record();
-        record.push("bare", "", vec![0.0; 4]).unwrap();
-        let (rad, m): (Unit, Unit) = ("rad".parse().unwrap(), "m".parse().unwrap());
-        let record = record.expecting([("roll", &m), ("/imu.pitch", &rad), ("bare", &m), ("absent", &m)]);
-        assert_eq!(record.names(), ["/imu.pitch", "bare"]);
-        let text = record.signal("roll").unwrap_err().to_string();
-        assert!(text.starts_with("signal 'roll' of test.csv is in rad, but m is expected"), "{text}");
-    }
-
-    #[test]
-    fn inconsistent_signals_are_refused() {
-        let mut record = record();
-        assert!(matches!(record.push("roll", "", vec![0.0; 4]), Err(RecordError::Duplicate { .. })));
-        assert!(matches!(record.push("yaw", "", vec![0.0; 3]), Err(RecordError::Length { found: 3, .. })));
-        for time in [vec![0.0, 0.0], vec![0.0, 1.0, 0.5], vec![f64::NAN], vec![0.0, f64::INFINITY]] {
-            assert!(matches!(Record::new("x", time), Err(RecordError::Time { .. })));
-        }
-    }
-}
+mod tests;

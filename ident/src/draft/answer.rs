@@ -29,7 +29,7 @@ pub struct Draft {
     pub signals: Vec<SignalAnswer>,
     /// Outputs that belong to no axis, each with the reason.
     pub left_out: Vec<LeftOut>,
-    /// Numbers that stand for missing values, as sentences.
+    /// Numbers that stand for missing values, and rows that are left out, as sentences.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub missing_values: Vec<String>,
     /// The part of the log in which the vehicle flies, where that is not all of it.

@@ -83,7 +83,7 @@ pub enum DraftError {
     },
     /// The inputs explain no output.
     #[error(
-        "{log}: the record shows no effect of the actuators: on held-out data the inputs do not predict the outputs better than the outputs' own past ({found}). Check that the motors ran and that the right inputs are chosen (--input NAME), or fly with more excitation, such as an input designed by `whirlstand excite`"
+        "{log}: the record shows no effect of the actuators: on held-out data no input predicts an output significantly better than the output's own past does ({found}). Check that the motors ran and that the right inputs are chosen (--input NAME), or fly with more excitation, such as an input designed by `whirlstand excite`"
     )]
     Unexplained {
         /// Path of the log.

@@ -82,7 +82,12 @@ pub fn finish(
             .map(|c| SignalAnswer { name: c.name.clone(), source: c.source.clone(), why: c.why.clone() })
             .collect(),
         left_out,
-        missing_values: record.missing_marks().iter().map(ToString::to_string).collect(),
+        missing_values: record
+            .missing_marks()
+            .iter()
+            .map(ToString::to_string)
+            .chain(record.repeated_times_remark())
+            .collect(),
         flown: flown.first().filter(|_| logs.len() == 1).map(|flown| flown.part),
         flown_in: if logs.len() == 1 { Vec::new() } else { flown.clone() },
         vehicle_file: None,

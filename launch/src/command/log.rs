@@ -54,8 +54,11 @@ pub(crate) fn read(path: &Path, map: &[String]) -> Result<Record, Failure> {
     Ok(record)
 }
 
-/// Prints which numbers of these signals stood for missing values.
+/// Prints which rows were left out, and which numbers of these signals stood for missing values.
 fn tell_missing(record: &Record, is_used: impl Fn(&str) -> bool) {
+    if let Some(remark) = record.repeated_times_remark() {
+        style::say(&format!("{}: {remark}", record.origin));
+    }
     for mark in record.missing_marks().iter().filter(|mark| is_used(&mark.name)) {
         style::say(&format!("{}: {mark}", record.origin));
     }

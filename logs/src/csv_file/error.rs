@@ -120,8 +120,8 @@ pub enum CsvError {
         /// Line, counted from 1.
         line: u64,
     },
-    /// The time does not increase.
-    #[error("{path}, line {line}: time {found} is not after {before}; it must increase from line to line")]
+    /// The time goes back.
+    #[error("{path}, line {line}: time {found} comes after {before}; it must not go back from line to line")]
     Time {
         /// The file.
         path: PathBuf,
@@ -131,6 +131,18 @@ pub enum CsvError {
         before: f64,
         /// The time here, in the file's unit.
         found: f64,
+    },
+    /// Most rows have the time of the row before.
+    #[error(
+        "{path}: {repeated} of {rows} rows have the same time as the row before; the time column is too coarse, use another one or, for rows at a constant rate, one that counts them (--map t=COLUMN[samples])"
+    )]
+    CoarseTime {
+        /// The file.
+        path: PathBuf,
+        /// Rows with the time of the row before.
+        repeated: usize,
+        /// All rows.
+        rows: usize,
     },
     /// The signals cannot form a record.
     #[error(transparent)]

@@ -68,7 +68,7 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
     // A column of text that is not requested by name causes no error.
     let mut unreadable: Vec<Option<CsvError>> = columns.signals.iter().map(|_| None).collect();
     let mut row = ByteRecord::new();
-    let mut before = f64::NEG_INFINITY;
+    let (mut before, mut repeated) = (f64::NEG_INFINITY, 0);
     loop {
         allowance.renew();
         let more = reader.read_byte_record(&mut row);
@@ -82,8 +82,14 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
             let reason = format!("there is no time in column {}", columns.time + 1);
             return Err(CsvError::Line { path: path.into(), line, reason });
         }
-        if t <= before {
+        if t < before {
             return Err(CsvError::Time { path: path.into(), line, before, found: t });
+        }
+        // Of two samples at the same time the later one holds, as in logs of other kinds (`Series::new`).
+        if t == before {
+            repeated += 1;
+            time.pop();
+            values.iter_mut().for_each(|column| _ = column.pop());
         }
         before = t;
         time.push(columns.time_unit.to_si(t));
@@ -98,10 +104,13 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
             }
         }
     }
+    if repeated > time.len() {
+        return Err(CsvError::CoarseTime { path: path.into(), repeated, rows: repeated + time.len() });
+    }
     // Growing vectors reserve up to twice the memory that they use.
     time.shrink_to_fit();
     values.iter_mut().for_each(Vec::shrink_to_fit);
-    columns.record(path, &heads, time, values, unreadable)
+    Ok(columns.record(path, &heads, time, values, unreadable)?.with_repeated_times(repeated))
 }
 
 /// Contents of the header line.

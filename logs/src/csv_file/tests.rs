@@ -79,6 +79,16 @@ fn a_column_that_cannot_be_read_is_an_error_where_it_is_asked_for() {
     }
 }
 
+/// Loggers stamp a row twice with the same time now and then.
+#[test]
+fn of_two_rows_at_the_same_time_the_later_one_holds() {
+    let record = parse("t,y,note\n0,1,x\n1,2,x\n1,3,x\n2,4,x\n", &[]).unwrap();
+    assert_eq!(record.time, [0.0, 1.0, 2.0]);
+    assert_eq!(record.get("y").unwrap().values, [1.0, 3.0, 4.0]);
+    assert_eq!(record.repeated_times(), 1);
+    assert_eq!(record.between(0.5, 2.0).repeated_times(), 1);
+}
+
 #[test]
 fn errors_name_file_line_and_column() {
     let cases = [
@@ -91,7 +101,14 @@ fn errors_name_file_line_and_column() {
             "flight.csv, line 1: the first column is 'time', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of 'time', 'y'",
         ),
         ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
-        ("t,y\n0,1\n0,2\n", "flight.csv, line 3: time 0 is not after 0; it must increase from line to line"),
+        (
+            "t,y\n1,1\n0,2\n",
+            "flight.csv, line 3: time 0 comes after 1; it must not go back from line to line",
+        ),
+        (
+            "t,y\n0,1\n0,2\n0,2\n",
+            "flight.csv: 2 of 3 rows have the same time as the row before; the time column is too coarse, use another one or, for rows at a constant rate, one that counts them (--map t=COLUMN[samples])",
+        ),
         ("t,y\n,1\n", "flight.csv, line 2: there is no time in column 1"),
         ("t,y\n0,1,2\n", "flight.csv, line 2: 3 cells, but the header has 2 columns"),
     ];
