@@ -99,7 +99,7 @@ pub enum Kind {
 /// where the first bytes are not conclusive, as in a file with a damaged beginning.
 ///
 /// # Errors
-/// The error of the operating system, or that the file is a pointer to the log.
+/// The error of the operating system, or that the file is empty or a pointer to the log.
 pub fn kind(path: &Path) -> std::io::Result<Kind> {
     // The first file of a log may have been removed by its recorder.
     if path.is_dir() || !path.exists() && Segments::of(path).files().next().is_some() {
@@ -113,6 +113,9 @@ pub fn kind(path: &Path) -> std::io::Result<Kind> {
         ));
     }
     let ending = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    if start.is_empty() && !ending("mcap") {
+        return Err(std::io::Error::other("the file is empty; copy the log again"));
+    }
     Ok(if start.starts_with(&mcap::MAGIC[..5]) {
         Kind::Mcap
     } else if start.starts_with(b"ULog\x01\x12\x35") {

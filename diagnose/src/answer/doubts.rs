@@ -7,6 +7,7 @@ use whirlstand_vehicle::Kind;
 use crate::answer::gains::{Gain, mean_growth};
 use crate::answer::schema::Cause;
 use crate::candidates::Candidate;
+use crate::residual::axis::Axis;
 use crate::residual::narrow_band::fastest_pole_hz;
 use crate::stages::findings::Findings;
 use crate::thresholds::{
@@ -27,7 +28,9 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
     if !causes.is_empty() {
         let (vehicle, data) = (findings.baseline.vehicle(), findings.baseline.data());
         let names = data.channels.iter().map(|c| vehicle.outputs[c.output].name.as_str());
-        doubts.extend(worse_ahead(names.zip(&findings.gains.channels), findings.gains.heldout.horizon_s));
+        let gains: Vec<_> = names.zip(&findings.gains.channels).collect();
+        let axes: Vec<_> = Axis::all(selection).into_iter().map(|axis| axis.channels).collect();
+        doubts.extend(worse_ahead(&gains, &axes, findings.gains.heldout.horizon_s));
     }
     // A filter that follows a record leaves noise, whatever is wrong.
     if findings.baseline.data().memory_s.is_some() {
@@ -60,19 +63,26 @@ fn next_to_nothing(causes: &[Cause]) -> Option<String> {
     too_little.then(|| format!("that is {:.1} % of the residual power", 100.0 * explained))
 }
 
-/// Doubt about causes with which the model, fitted to the first part of the record, predicts the rest worse: all outputs
-/// together, by the mean logarithm of the ratio of their errors. Whatever gains in likelihood, an extension that
-/// predicts worse is none (cross-validation: Stone, J. R. Stat. Soc. B 36, 1974).
-fn worse_ahead<'g>(gains: impl Iterator<Item = (&'g str, &'g Gain)>, horizon_s: f64) -> Option<String> {
-    let all: Vec<(&str, &Gain, f64)> =
-        gains.filter_map(|(name, gain)| Some((name, gain, gain.growth()?))).collect();
-    let mean = mean_growth(all.iter().map(|(_, gain, _)| *gain));
-    let told = |(name, gain, _): &(&str, &Gain, f64)| {
+/// Doubt about causes with which the model, fitted to the first part of the record, predicts the rest worse, by the mean
+/// logarithm of the ratio of the errors: of the outputs of a decoupled axis with causes, where the refit of another axis is
+/// no gain of theirs, or of all outputs. Whatever gains in likelihood, an extension that predicts worse is none
+/// (cross-validation: Stone, J. R. Stat. Soc. B 36, 1974). `axes` has the channels of each axis with causes.
+fn worse_ahead(gains: &[(&str, &Gain)], axes: &[Vec<usize>], horizon_s: f64) -> Option<String> {
+    let is_worse =
+        |channels: &[usize]| mean_growth(channels.iter().map(|c| gains[*c].1)) > WORSE_AHEAD_RATIO.ln();
+    let mut judged: Vec<usize> = axes.iter().filter(|axis| is_worse(axis)).flatten().copied().collect();
+    let all: Vec<usize> = (0..gains.len()).collect();
+    if judged.is_empty() && is_worse(&all) {
+        judged = all;
+    }
+    let told = |c: &usize| {
+        let (name, gain) = gains[*c];
         let (before, after) = gain.horizon;
-        Some(format!("{name} {:.1} % -> {:.1} %", before.fit?, after.fit?))
+        let is_worse = gain.growth()? > 0.0;
+        is_worse.then_some(format!("{name} {:.1} % -> {:.1} %", before.fit?, after.fit?))
     };
-    let worse: Vec<String> = all.iter().filter(|(.., ratio)| *ratio > 0.0).filter_map(told).collect();
-    (mean > WORSE_AHEAD_RATIO.ln()).then(|| {
+    let worse: Vec<String> = judged.iter().filter_map(told).collect();
+    (!judged.is_empty()).then(|| {
         format!(
             "fitted to the first part of the record, the model with them predicts the rest worse than without, over {} s: fit of {}",
             number(horizon_s),
@@ -169,13 +179,22 @@ mod tests {
             floor: 0.01,
             noise_model_share: None,
         };
-        let doubt = |gains: &[Gain]| worse_ahead(["p", "q"].into_iter().zip(gains), 0.2);
+        let judged = |gains: &[Gain], axes: &[Vec<usize>]| {
+            let named: Vec<_> = ["p", "q"].into_iter().zip(gains).collect();
+            worse_ahead(&named, axes, 0.2)
+        };
+        let doubt = |gains: &[Gain]| judged(gains, &[(0..gains.len()).collect()]);
         assert_eq!(doubt(&[gain(0.3, 0.2), gain(0.3, 0.32)]), None, "one better, one a little worse");
         assert_eq!(doubt(&[gain(0.3, 0.305), gain(0.3, 0.3)]), None, "as good");
         let told = doubt(&[gain(0.3, 0.5), gain(0.3, 0.29)]).unwrap();
         assert!(told.ends_with("over 0.200 s: fit of p 70.0 % -> 50.0 %"), "{told}");
         let lost = Gain { horizon: (score(0.3), Score::default()), ..gain(0.3, 0.3) };
         assert_eq!(doubt(&[lost]), None, "without samples");
+        let one_better = [gain(0.3, 0.2), gain(0.3, 0.32)];
+        let told = judged(&one_better, &[vec![1]]).unwrap();
+        assert!(told.ends_with("fit of q 70.0 % -> 68.0 %"), "the other has no part in it: {told}");
+        assert_eq!(judged(&one_better, &[vec![0]]), None, "a cause on the better axis");
+        assert!(judged(&[gain(0.3, 0.5)], &[]).is_some(), "tones alone");
     }
 
     #[test]

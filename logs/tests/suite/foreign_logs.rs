@@ -330,3 +330,16 @@ fn a_pointer_of_git_lfs_is_told_apart_from_a_log() {
         }
     }
 }
+
+/// What a copy that was broken off leaves, or a recorder that was killed.
+#[test]
+fn an_empty_file_is_called_empty_whatever_its_name() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["log.ulg", "log.bin", "log.bbl", "log.csv"] {
+        let path = dir.path().join(name);
+        fs::write(&path, "").unwrap();
+        for error in [read(&path, &[]).unwrap_err().to_string(), info(&path).unwrap_err().to_string()] {
+            assert!(error.contains(name) && error.contains("the file is empty"), "{error}");
+        }
+    }
+}
