@@ -228,17 +228,17 @@ fn response_remark(output: &Chosen, all: &[Link]) -> Option<String> {
             -share
         )
     } else {
-        let reduces = format!(
-            "{output}: {input} reduces the mean square error of the past alone by {share:.1} %, {sigmas:.1} standard errors"
-        );
+        let reduces =
+            format!("{output}: {input} reduces the mean square error of the past alone by {share:.1} %");
         // Else the reader sees a large share and does not see why it does not count.
         let by_chance = takes_away(&best.comparison) && !best.explains();
         if by_chance {
             format!(
-                "{reduces}, where more than {EXPLAINED_SIGMAS} are needed: a longer record would tell it from chance"
+                "{reduces}, {sigmas:.2} standard errors where more than {EXPLAINED_SIGMAS} are needed: a longer record would \
+                 tell it from chance"
             )
         } else {
-            reduces
+            format!("{reduces}, {sigmas:.1} standard errors")
         }
     })
 }
