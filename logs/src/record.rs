@@ -156,7 +156,7 @@ impl Record {
         &self.missing_marks
     }
 
-    /// Number of rows of the file that are left out because the row after them has the same time.
+    /// Number of rows of the file whose values are left out because the row after them has others at the same time.
     pub fn repeated_times(&self) -> usize {
         self.repeated_times
     }
@@ -164,7 +164,11 @@ impl Record {
     /// That number in words, unless it is zero.
     pub fn repeated_times_remark(&self) -> Option<String> {
         let rows = self.repeated_times;
-        (rows > 0).then(|| format!("{rows} rows have the same time as the row after them and are left out"))
+        (rows > 0).then(|| {
+            format!(
+                "{rows} rows have other values than the row after them at the same time, and are left out"
+            )
+        })
     }
 
     /// Stores that number.

@@ -132,16 +132,16 @@ pub enum CsvError {
         /// The time here, in the file's unit.
         found: f64,
     },
-    /// Most rows have the time of the row before.
+    /// Most rows have other values at the time of the row before.
     #[error(
-        "{path}: {repeated} of {rows} rows have the same time as the row before; the time column is too coarse, use another one or, for rows at a constant rate, one that counts them (--map t=COLUMN[samples])"
+        "{path}: {repeated} of {rows} rows have other values at the time of the row before; the time column is too coarse, use another one or, for rows at a constant rate, one that counts them (--map t=COLUMN[samples])"
     )]
     CoarseTime {
         /// The file.
         path: PathBuf,
-        /// Rows with the time of the row before.
+        /// Rows with other values at the time of the row before.
         repeated: usize,
-        /// All rows.
+        /// These and all other times.
         rows: usize,
     },
     /// The signals cannot form a record.

@@ -85,24 +85,24 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
         if t < before {
             return Err(CsvError::Time { path: path.into(), line, before, found: t });
         }
-        // Of two samples at the same time the later one holds, as in logs of other kinds (`Series::new`).
-        if t == before {
-            repeated += 1;
-            time.pop();
-            values.iter_mut().for_each(|column| _ = column.pop());
+        // Rows at the same time are one. Of two samples of a signal there the later one holds, as in logs of other kinds
+        // (`Series::new`).
+        let (is_same, mut replaces) = (t == before, false);
+        if !is_same {
+            before = t;
+            time.push(columns.time_unit.to_si(t));
         }
-        before = t;
-        time.push(columns.time_unit.to_si(t));
         for (i, column) in columns.signals.iter().enumerate() {
             if unreadable[i].is_some() {
                 continue;
             }
             match cell(columns.sources[column.source]) {
-                Ok(value) => values[i].push(column.convert(value)),
+                Ok(value) => replaces |= put(&mut values[i], column.convert(value), is_same),
                 Err(error) if i < columns.mapped => return Err(error),
                 Err(error) => unreadable[i] = Some(error),
             }
         }
+        repeated += usize::from(replaces);
     }
     if repeated > time.len() {
         return Err(CsvError::CoarseTime { path: path.into(), repeated, rows: repeated + time.len() });
@@ -111,6 +111,23 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
     time.shrink_to_fit();
     values.iter_mut().for_each(Vec::shrink_to_fit);
     Ok(columns.record(path, &heads, time, values, unreadable)?.with_repeated_times(repeated))
+}
+
+/// Adds a value of a row to those of its signal; in a row at the time of the row before, a value takes the place of that
+/// row's. True where it is another one.
+fn put(values: &mut Vec<f64>, value: f64, is_same_time: bool) -> bool {
+    match values.last_mut().filter(|_| is_same_time) {
+        Some(_) if value.is_nan() => false,
+        Some(earlier) => {
+            let replaces = !earlier.is_nan() && value != *earlier;
+            *earlier = value;
+            replaces
+        }
+        None => {
+            values.push(value);
+            false
+        }
+    }
 }
 
 /// Contents of the header line.

@@ -79,14 +79,19 @@ fn a_column_that_cannot_be_read_is_an_error_where_it_is_asked_for() {
     }
 }
 
-/// Loggers stamp a row twice with the same time now and then.
+/// Loggers stamp a row twice with the same time now and then, and some write the signals of one time in several rows.
 #[test]
-fn of_two_rows_at_the_same_time_the_later_one_holds() {
-    let record = parse("t,y,note\n0,1,x\n1,2,x\n1,3,x\n2,4,x\n", &[]).unwrap();
+fn rows_at_the_same_time_are_one() {
+    let record = parse("t,y,note\n0,1,x\n1,2,x\n1,3,x\n2,4,x\n2,4,x\n", &[]).unwrap();
     assert_eq!(record.time, [0.0, 1.0, 2.0]);
-    assert_eq!(record.get("y").unwrap().values, [1.0, 3.0, 4.0]);
+    assert_eq!(record.get("y").unwrap().values, [1.0, 3.0, 4.0], "the later value holds");
     assert_eq!(record.repeated_times(), 1);
     assert_eq!(record.between(0.5, 2.0).repeated_times(), 1);
+    let record = parse("t,y,z\n0,1,\n0,,5\n1,2,\n1,,6\n1,,\n", &[]).unwrap();
+    assert_eq!(record.time, [0.0, 1.0]);
+    let values = ["y", "z"].map(|name| record.get(name).unwrap().values.clone());
+    assert_eq!(values, [[1.0, 2.0], [5.0, 6.0]], "nothing is lost");
+    assert_eq!(record.repeated_times(), 0);
 }
 
 #[test]
@@ -106,8 +111,8 @@ fn errors_name_file_line_and_column() {
             "flight.csv, line 3: time 0 comes after 1; it must not go back from line to line",
         ),
         (
-            "t,y\n0,1\n0,2\n0,2\n",
-            "flight.csv: 2 of 3 rows have the same time as the row before; the time column is too coarse, use another one or, for rows at a constant rate, one that counts them (--map t=COLUMN[samples])",
+            "t,y\n0,1\n0,2\n0,3\n",
+            "flight.csv: 2 of 3 rows have other values at the time of the row before; the time column is too coarse, use another one or, for rows at a constant rate, one that counts them (--map t=COLUMN[samples])",
         ),
         ("t,y\n,1\n", "flight.csv, line 2: there is no time in column 1"),
         ("t,y\n0,1,2\n", "flight.csv, line 2: 3 cells, but the header has 2 columns"),
