@@ -182,7 +182,7 @@ fn a_header_that_cannot_be_used_is_an_error_with_its_place() {
     let many = HEADER.replace("name:loopIteration", &format!("name:{}loopIteration", "x,".repeat(200)));
     let error = info(written(folder.path(), many.as_bytes())).unwrap_err().to_string();
     assert!(error.contains("208 fields"), "{error}");
-    for bytes in [&b""[..], b"t,roll\n0,1\n", &[0xff; 1000]] {
+    for bytes in [&b"t,roll\n0,1\n"[..], &[0xff; 1000]] {
         let error = info(written(folder.path(), bytes)).unwrap_err().to_string();
         assert!(error.contains("flight.bbl") && error.contains("Copy the log"), "{error}");
     }
