@@ -156,22 +156,14 @@ impl Record {
         &self.missing_marks
     }
 
-    /// Number of rows of the file whose values are left out because the row after them has others at the same time.
-    pub fn repeated_times(&self) -> usize {
-        self.repeated_times
-    }
-
-    /// That number in words, unless it is zero.
+    /// How many rows of the file are left out because the row after them has other values at the same time, in words, if any.
     pub fn repeated_times_remark(&self) -> Option<String> {
         let rows = self.repeated_times;
-        (rows > 0).then(|| {
-            format!(
-                "{rows} rows have other values than the row after them at the same time, and are left out"
-            )
-        })
+        (rows > 0)
+            .then(|| format!("rows left out because the row after has other values at the same time: {rows}"))
     }
 
-    /// Stores that number.
+    /// Stores how many rows are left out so.
     pub(crate) fn with_repeated_times(mut self, rows: usize) -> Self {
         self.repeated_times = rows;
         self

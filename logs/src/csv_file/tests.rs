@@ -85,13 +85,13 @@ fn rows_at_the_same_time_are_one() {
     let record = parse("t,y,note\n0,1,x\n1,2,x\n1,3,x\n2,4,x\n2,4,x\n", &[]).unwrap();
     assert_eq!(record.time, [0.0, 1.0, 2.0]);
     assert_eq!(record.get("y").unwrap().values, [1.0, 3.0, 4.0], "the later value holds");
-    assert_eq!(record.repeated_times(), 1);
-    assert_eq!(record.between(0.5, 2.0).repeated_times(), 1);
+    let told = record.between(0.5, 2.0).repeated_times_remark().unwrap();
+    assert_eq!(told, "rows left out because the row after has other values at the same time: 1");
     let record = parse("t,y,z\n0,1,\n0,,5\n1,2,\n1,,6\n1,,\n", &[]).unwrap();
     assert_eq!(record.time, [0.0, 1.0]);
     let values = ["y", "z"].map(|name| record.get(name).unwrap().values.clone());
     assert_eq!(values, [[1.0, 2.0], [5.0, 6.0]], "nothing is lost");
-    assert_eq!(record.repeated_times(), 0);
+    assert_eq!(record.repeated_times_remark(), None);
 }
 
 #[test]
