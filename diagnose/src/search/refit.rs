@@ -36,8 +36,9 @@ pub(crate) fn search<'r, 'd>(
     {
         return Ok(kept.clone());
     }
-    let refitted = match (select(model.clone(), space, None, &[]), select(model.clone(), space, None, &terms))
-    {
+    let anew = || select(model.clone(), space, None, &[]);
+    let from_the_first = || select(model.clone(), space, None, &terms);
+    let refitted = match rayon::join(anew, from_the_first) {
         (Ok(refitted), Ok(other)) if bic(&other) < bic(&refitted) => Ok(other),
         (Ok(refitted), _) => Ok(refitted),
         (Err(_), other) => other,
