@@ -190,6 +190,10 @@ pub(crate) const RELAY_ROUNDS: usize = 4;
 pub(crate) const RELAYS_TOGETHER: usize = 24;
 /// Numbers of a relay beside its size. Threshold and dead time.
 pub(crate) const RELAY_PARAMETERS: usize = 2;
+/// Time constants of a sensor's creep, as parts of the record. Cost.
+pub(crate) const CREEP_TIMES: [usize; 6] = [2, 5, 10, 20, 50, 100];
+/// Limits of a sensor's rate, as shares of the fastest change from one sample to the next. Cost.
+pub(crate) const SLEW_SHARES: [f64; 6] = [0.02, 0.05, 0.1, 0.2, 0.4, 0.7];
 /// Bases of each score test whose noise model is fitted anew. Cost.
 pub(crate) const BASES_REFITTED: usize = 6;
 /// Bases that are looked at in all score tests. Cost.

@@ -9,8 +9,10 @@ use crate::search::selection::Selection;
 /// misfit is nowhere else.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Axis {
-    /// Indices of the terms that are causes on it. Tones are none: they are credible whatever else there is.
+    /// Indices of the terms that are causes on it, without tones.
     pub terms: Vec<usize>,
+    /// Indices of the tones of its channels: they are credible whatever else there is, unless a force explains them too.
+    pub tones: Vec<usize>,
     /// Its states.
     pub states: Vec<usize>,
     /// Its inputs.
@@ -32,9 +34,6 @@ impl Axis {
         let reach = Reach::new(&vehicle, data, model.free.iter().map(|free| &free.target));
         let mut parts: Vec<(Option<Subsystem>, Vec<usize>)> = Vec::new();
         for (term, effect) in effects.iter().enumerate() {
-            if model.terms[term].kind == Kind::Vibration {
-                continue;
-            }
             let part = reach.part_around(reach.of_effect(effect, &vehicle));
             match parts.iter_mut().find(|(other, _)| *other == part) {
                 Some((_, terms)) => terms.push(term),
@@ -49,10 +48,12 @@ impl Axis {
             });
             let own = |c: &usize| part.outputs.contains(&data.channels[*c].output);
             let channels = (0..data.channels.len()).filter(own).collect();
+            let tone = |term: &usize| model.terms[*term].kind == Kind::Vibration;
+            let (tones, terms): (Vec<usize>, Vec<usize>) = terms.into_iter().partition(tone);
             let acted: Vec<usize> =
                 terms.iter().flat_map(|term| acts_on(&effects[*term], &vehicle)).collect();
             let is_shared = (1..acted.len()).any(|i| acted[..i].contains(&acted[i]));
-            Self { terms, states: part.states, inputs: part.inputs, channels, is_shared }
+            Self { terms, tones, states: part.states, inputs: part.inputs, channels, is_shared }
         };
         parts.into_iter().map(axis).collect()
     }

@@ -89,23 +89,6 @@ impl Signals {
         all
     }
 
-    /// Bases of one input: all shapes together, and each shape alone beside the input's own gain.
-    pub fn of_input(&self, j: usize) -> Vec<Recipe<'_>> {
-        let u = &self.inputs[j];
-        let beside = |make: fn(&Signal) -> Basis, shape: usize| {
-            recipe(move || {
-                let Basis { description, mut functions } = make(u);
-                Basis::new(description, vec![u.values.clone(), functions.swap_remove(shape)])
-            })
-        };
-        let mut all = vec![recipe(|| smooth(u))];
-        // The first shape is the input itself.
-        all.extend((1..SHAPES.len()).map(|shape| beside(smooth, shape)));
-        all.extend((0..RELAY_THRESHOLDS.len()).map(|shape| beside(switched, shape)));
-        all.push(recipe(|| slowly(u)));
-        all
-    }
-
     /// Sinusoids of several wavelengths over the range of each state, one basis each, without the part that a
     /// straight line explains.
     pub fn ripples(&self) -> Vec<Basis> {
@@ -132,6 +115,23 @@ impl Signals {
         let functions = swing(&x.values, turns, &self.turn).into();
         Basis::new(format!("follows {} modulated at {hz:.2} Hz", x.name), functions)
     }
+}
+
+/// Bases of a static curve, a hysteresis or a slowly varying gain of a signal: all shapes together, and each shape alone
+/// beside the signal's own gain.
+pub fn curves(u: &Signal) -> Vec<Recipe<'_>> {
+    let beside = |make: fn(&Signal) -> Basis, shape: usize| {
+        recipe(move || {
+            let Basis { description, mut functions } = make(u);
+            Basis::new(description, vec![u.values.clone(), functions.swap_remove(shape)])
+        })
+    };
+    let mut all = vec![recipe(|| smooth(u))];
+    // The first shape is the signal itself.
+    all.extend((1..SHAPES.len()).map(|shape| beside(smooth, shape)));
+    all.extend((0..RELAY_THRESHOLDS.len()).map(|shape| beside(switched, shape)));
+    all.push(recipe(|| slowly(u)));
+    all
 }
 
 fn map(v: &[f64], f: &dyn Fn(f64) -> f64) -> Vec<f64> {
@@ -165,10 +165,13 @@ fn swing(v: &[f64], turns: usize, turn: &[(f64, f64)]) -> [Vec<f64>; 2] {
     [swung(|(sine, _)| sine), swung(|(_, cosine)| cosine)]
 }
 
-/// A signal whose gain varies slowly, over few cycles in the record.
+/// A signal whose gain varies slowly: steadily, or over few cycles in the record.
 pub fn slowly(x: &Signal) -> Basis {
     let turn = turn(x.values.len());
-    let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns, &turn)).collect();
+    let steps = x.values.len() as f64;
+    let steadily = x.values.iter().enumerate().map(|(k, v)| v * (2.0 * k as f64 / steps - 1.0)).collect();
+    let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns, &turn));
+    let swings = std::iter::once(steadily).chain(swings).collect();
     Basis::new(format!("follows {} with a slowly varying gain", x.name), swings)
 }
 

@@ -14,6 +14,7 @@ use crate::thresholds::{
     EXCESS_NOISE_RATIO, MIN_BIC_GAIN, RIDER_SHARE, RIVAL_FORCE_P_VALUE, SAME_SIGNATURE_COSINE,
 };
 use whirlstand_logs::stats::rms;
+use whirlstand_vehicle::Kind;
 
 /// A cause that was found and is not believed.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,13 +53,19 @@ impl Credibility<'_> {
     ) -> (Vec<Withheld>, Option<ForceOnSignal>) {
         let (mut dropped, mut rivals) = (Vec::new(), Vec::new());
         for axis in Axis::all(selection) {
-            let Some(without) = selection.without(&axis.terms, &self.start) else { continue };
             let left = lack.and_then(|lack| self.left_in(selection, &axis, lack));
-            if let Some(rival) = self.rival(selection, &without, &axis, left) {
+            let whole = [axis.terms.as_slice(), &axis.tones].concat();
+            let rivalled = |terms: &[usize]| {
+                let without = selection.without(terms, &self.start)?;
+                Some((terms.to_vec(), self.rival(selection, &without, &axis, left)?))
+            };
+            let tones = !axis.tones.is_empty();
+            let found = tones.then(|| rivalled(&whole)).flatten().or_else(|| rivalled(&axis.terms));
+            if let Some((terms, rival)) = found {
                 let why = format!("{} explains as much", rival.description);
-                dropped.extend(axis.terms.into_iter().map(|term| (term, why.clone())));
+                dropped.extend(terms.into_iter().map(|term| (term, why.clone())));
                 rivals.push(rival);
-            } else if let Some(left) = left {
+            } else if let Some((left, without)) = left.zip(selection.without(&axis.terms, &self.start)) {
                 let why = "the remaining residual is not noise, so it is only part of another effect";
                 let part = self.partial(selection, &without, axis, left);
                 dropped.extend(part.into_iter().map(|term| (term, why.to_owned())));
@@ -116,7 +123,7 @@ impl Credibility<'_> {
     /// The selection without some terms; they, with the reasons. None where it cannot be fitted without them.
     fn withdraw(&self, selection: &mut Selection<'_, '_>, dropped: Vec<(usize, String)>) -> Vec<Withheld> {
         let (terms, whys): (Vec<usize>, Vec<String>) = dropped.into_iter().unzip();
-        let causes = Axis::all(selection).into_iter().flat_map(|axis| axis.terms).count();
+        let causes = selection.model.terms.iter().filter(|term| term.kind != Kind::Vibration).count();
         let start = if terms.len() == causes { self.start.as_slice() } else { &[] };
         let Some(kept) = selection.without(&terms, start) else { return Vec::new() };
         let withheld = |(term, why): (usize, String)| Withheld {
@@ -173,14 +180,14 @@ impl Credibility<'_> {
         axis: &Axis,
         lack: Option<LackOfFit>,
     ) -> Option<ForceOnSignal> {
-        let several = axis.terms.len() > 1;
+        let several = selection.model.terms.len() - without.model.terms.len() > 1;
         // Where causes leave nothing but noise, a force outside the table is called for only if it might be what several of
         // them imitate together: those that act on one state, or pushes and periodic forces, of which any force can be made.
         let gust = |term: &usize| selection.model.terms[*term].is_gust();
         let imitates = several && (axis.is_shared || axis.terms.iter().any(gust));
         let chance = |lack: LackOfFit| lack.one.chance.min(lack.all.chance);
         let asked = imitates || lack.is_none_or(|lack| chance(lack) < RIVAL_FORCE_P_VALUE);
-        if !asked || self.turbulent {
+        if self.turbulent {
             return None;
         }
         let data = selection.model.free_run.data;
@@ -192,7 +199,9 @@ impl Credibility<'_> {
             (false, _) => MIN_BIC_GAIN,
         };
         let (before, after) = ((&without.model, &without.fit), (&selection.model, &selection.fit));
-        let (rival, explained) = out_of_library::rival(before, after, axis, self.space)?;
+        let force = asked.then(|| out_of_library::force(before, after, axis, self.space)).flatten();
+        let error = out_of_library::device_error(before, axis, self.space);
+        let (rival, explained) = out_of_library::likelier(force.into_iter().chain(error))?;
         if rival.gain <= own + lead {
             return None;
         }
@@ -240,7 +249,7 @@ mod tests {
     use crate::search::acceptance::TermEvidence;
     use crate::search::selection::Accepted;
     use whirlstand_ident::watch::Watch;
-    use whirlstand_vehicle::{Effect, Kind, Stream, Vehicle};
+    use whirlstand_vehicle::{Effect, Stream, Vehicle};
 
     /// A vehicle with a roll and a yaw axis of their own.
     fn two_axes() -> Vehicle {

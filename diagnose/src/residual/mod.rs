@@ -4,6 +4,7 @@
 pub mod axis;
 pub mod basis;
 pub mod credibility;
+pub mod device_basis;
 pub mod excess_noise;
 pub mod hysteresis_relay;
 pub mod lack_of_fit;

@@ -16,7 +16,8 @@ use crate::model::input_reconstruction::Entry;
 use crate::model::noise::{Noise, Profile};
 use crate::model::score_test::ScoreTest;
 use crate::residual::axis::Axis;
-use crate::residual::basis::{Basis, Recipe, Signal, Signals};
+use crate::residual::basis::{Basis, Recipe, Signal, Signals, scale};
+use crate::residual::device_basis::{of_actuator, of_sensor};
 use crate::residual::hysteresis_relay;
 use crate::search::alternative::SearchSpace;
 use whirlstand_ident::identify::normal::pseudo_inverse;
@@ -106,14 +107,17 @@ fn on(vehicle: &Vehicle, entry: Entry, description: &str) -> String {
     }
 }
 
-/// The most likely force on any state or into any input of a part of the vehicle, relative to the fit of a model without
-/// causes there, and the part of the samples that it explains. The signals are those of a model `with` causes, which is closer to the truth.
-pub fn rival(
+/// A rival of the causes on a part of the vehicle, and the part of the samples that it explains.
+pub type Rival = (ForceOnSignal, Vec<f64>);
+
+/// The most likely force on any state of a part of the vehicle, relative to the fit of a model without causes there. The
+/// signals are those of a model `with` causes, which is closer to the truth.
+pub fn force(
     (model, fit): (&Model<'_, '_>, &Fit),
     (with, its): (&Model<'_, '_>, &Fit),
     axis: &Axis,
     space: &SearchSpace<'_>,
-) -> Option<(ForceOnSignal, Vec<f64>)> {
+) -> Option<Rival> {
     let signals = Signals::new(
         with,
         with.free_run.run_states(&with.vehicle(&its.values).ok()?, &its.values[..with.states()]).ok()?,
@@ -126,9 +130,27 @@ pub fn rival(
     let forces = forces.flat_map(|i| {
         [comparison.best(Entry::State(i), &bases), comparison.relay(i, &signals.states)].into_iter().flatten()
     });
+    likelier(forces)
+}
+
+/// The most likely error of an actuator or a sensor of a part of the vehicle, relative to the fit of a model without causes
+/// there. Its signals are known, or predicted by that model.
+pub fn device_error(
+    (model, fit): (&Model<'_, '_>, &Fit),
+    axis: &Axis,
+    space: &SearchSpace<'_>,
+) -> Option<Rival> {
+    let vehicle = model.vehicle(&fit.values).ok()?;
+    let comparison = Comparison::new(model, fit, &vehicle, space);
+    let commands = Signals::new(model, Vec::new()).inputs;
     let inputs = axis.inputs.iter().copied();
-    let inputs = inputs.filter_map(|j| comparison.best(Entry::Input(j), &signals.of_input(j)));
-    forces.chain(inputs).max_by(|(a, _), (b, _)| a.gain.total_cmp(&b.gain))
+    let inputs = inputs.filter_map(|j| comparison.best(Entry::Input(j), &of_actuator(&commands[j])));
+    likelier(inputs.chain(comparison.error_of_sensor(&axis.channels)))
+}
+
+/// The rival with the largest gain.
+pub fn likelier(rivals: impl IntoIterator<Item = Rival>) -> Option<Rival> {
+    rivals.into_iter().max_by(|(a, _), (b, _)| a.gain.total_cmp(&b.gain))
 }
 
 /// A fit against which bases of forces are tested.
@@ -168,7 +190,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
     }
 
     /// The most likely basis, and the part of the samples that it explains.
-    fn best(&self, entry: Entry, bases: &[Recipe<'_>]) -> Option<(ForceOnSignal, Vec<f64>)> {
+    fn best(&self, entry: Entry, bases: &[Recipe<'_>]) -> Option<Rival> {
         // A force into an input acts on all states that the input drives.
         let pushed: Vec<(usize, f64)> = match entry {
             Entry::State(i) => vec![(i, 1.0)],
@@ -185,19 +207,66 @@ impl<'a, 'd> Comparison<'a, 'd> {
         let columns = |some: &[usize]| {
             self.columns(&forces, &pushed, some.iter().map(|basis| bases[*basis]()).collect())
         };
+        let (mut force, explained) = self.weighed(bases.len(), &columns)?;
+        force.description = on(self.vehicle, entry, &force.description);
+        Some((force, explained))
+    }
+
+    /// The most likely error of the sensors of some channels, as [`Self::best`].
+    fn error_of_sensor(&self, channels: &[usize]) -> Option<Rival> {
+        let data = self.model.free_run.data;
+        let ranges = data.ranges();
+        let of = |c: &usize| {
+            let channel = &data.channels[*c];
+            let mut values = self.fit.predicted[ranges[*c].clone()].to_vec();
+            scale(&mut values);
+            let signal = Signal { name: self.vehicle.outputs[channel.output].name.clone(), values };
+            let first = |start: &usize| start.saturating_sub(channel.first).div_ceil(channel.stride);
+            (signal, data.starts.iter().map(first).collect::<Vec<_>>())
+        };
+        let sensors: Vec<(Signal, Vec<usize>)> = channels.iter().map(of).collect();
+        let bases = channels.iter().zip(&sensors);
+        let bases: Vec<(usize, Recipe<'_>)> = bases
+            .flat_map(|(c, (y, starts))| of_sensor(y, starts).into_iter().map(|basis| (*c, basis)))
+            .collect();
+        let columns = |some: &[usize]| -> Vec<Option<Responses>> {
+            let column = |c: usize, function: &[f64]| {
+                let mut column = vec![0.0; self.fit.predicted.len()];
+                column[ranges[c].clone()].copy_from_slice(function);
+                data.fill(&mut column);
+                column
+            };
+            let responses = |basis: &usize| {
+                let (c, make) = &bases[*basis];
+                let Basis { description, functions } = make();
+                let output = &self.vehicle.outputs[data.channels[*c].output].name;
+                let description = format!("an error of the sensor of {output} that {description}");
+                Some((description, functions.iter().map(|function| column(*c, function)).collect()))
+            };
+            some.iter().map(responses).collect()
+        };
+        self.weighed(bases.len(), &columns)
+    }
+
+    /// The most likely of so many bases, and the part of the samples that it explains, from their `columns`.
+    fn weighed(
+        &self,
+        bases: usize,
+        columns: &(impl Fn(&[usize]) -> Vec<Option<Responses>> + Sync),
+    ) -> Option<Rival> {
         // The fastest score test preselects; the others test only the remaining bases.
         let [rest @ .., quick] = self.score_tests.as_slice() else { return None };
-        let mut sorted = weights(quick, 0..bases.len(), &columns);
+        let mut sorted = weights(quick, 0..bases, columns);
         self.keep(&mut sorted, BASES_SORTED);
         let mut weighed: Vec<(&ScoreTest<'_>, Contribution)> = Vec::new();
         for score_test in rest {
-            let mut own = weights(score_test, sorted.iter().map(|w| w.basis), &columns);
+            let mut own = weights(score_test, sorted.iter().map(|w| w.basis), columns);
             self.keep(&mut own, BASES_REFITTED);
             weighed.extend(own.into_iter().map(|w| (score_test, w)));
         }
         self.keep(&mut sorted, BASES_REFITTED);
         weighed.extend(sorted.into_iter().map(|w| (quick, w)));
-        let looks = 2.0 * (bases.len() as f64).ln();
+        let looks = 2.0 * (bases as f64).ln();
         let bics = weighed.into_par_iter().filter_map(|(score_test, weight)| {
             let mut explained = vec![0.0; self.fit.residual.len()];
             let basis = columns(&[weight.basis]).pop().flatten()?;
@@ -208,7 +277,6 @@ impl<'a, 'd> Comparison<'a, 'd> {
             Some((bic, weight.description, explained))
         });
         let (bic, description, explained) = bics.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let description = on(self.vehicle, entry, &description);
         Some((ForceOnSignal { gain: self.plain.bic(0) - bic - looks, description }, explained))
     }
 
@@ -219,7 +287,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
     }
 
     /// The most likely force that switches with a state, and the part of the samples that it explains.
-    fn relay(&self, state: usize, states: &[Signal]) -> Option<(ForceOnSignal, Vec<f64>)> {
+    fn relay(&self, state: usize, states: &[Signal]) -> Option<Rival> {
         let pushed = [(state, self.slopes[state])];
         let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed);
         let looks = 2.0 * ((states.len() * hysteresis_relay::looks()) as f64).ln();

@@ -13,6 +13,7 @@ use crate::candidates::library::Candidate;
 use crate::data::record::Data;
 use crate::model::fit::Model;
 use crate::model::noise::Noise;
+use crate::residual::axis::Axis;
 use crate::residual::out_of_library::{self, ForceOnSignal};
 use crate::residual::turbulence::{Turbulence, turbulence};
 use crate::search::alternative::SearchSpace;
@@ -55,7 +56,7 @@ pub(crate) fn with_turbulence<'r, 'd>(
         let gain = by.gain + found.delta_bic;
         return (None, None, Some(more(ForceOnSignal { gain, ..by })));
     }
-    if related(data, &noise, &chosen) {
+    if related(data, &noise, &chosen) || is_device_error(&chosen, &found, space) {
         return (None, None, None);
     }
     if let Ok(fit) = chosen.model.fit(chosen.fit.values.clone(), Some(&noise), None) {
@@ -147,6 +148,20 @@ fn single<'r, 'd>(
 /// BIC with noise models of single channels.
 fn plain_bic(selection: &Selection<'_, '_>, data: &Data) -> f64 {
     Noise::fit(data, &selection.fit.residual).bic(selection.model.parameters())
+}
+
+/// True where one error of an actuator or a sensor explains as much as turbulence and the causes on its part of the vehicle
+/// together: what the causes leave of it looks random.
+fn is_device_error(selection: &Selection<'_, '_>, found: &Turbulence, space: &SearchSpace<'_>) -> bool {
+    let data = selection.model.free_run.data;
+    let part = Axis::all(selection).into_iter().find(|axis| axis.states.contains(&found.state));
+    let error = part.and_then(|axis| {
+        let without = selection.without(&axis.terms, &[])?;
+        let own = plain_bic(&without, data) - plain_bic(selection, data);
+        let (error, _) = out_of_library::device_error((&without.model, &without.fit), &axis, space)?;
+        Some(error.gain - own)
+    });
+    error.is_some_and(|gain| gain > found.delta_bic)
 }
 
 /// True when the turbulence is larger where a command or an output is larger: it is then caused by the
