@@ -193,7 +193,10 @@ pub(crate) const RELAY_PARAMETERS: usize = 2;
 /// Time constants of a sensor's creep, as parts of the record. Cost.
 pub(crate) const CREEP_TIMES: [usize; 6] = [2, 5, 10, 20, 50, 100];
 /// Limits of a sensor's rate, as shares of the fastest change from one sample to the next. Cost.
-pub(crate) const SLEW_SHARES: [f64; 6] = [0.02, 0.05, 0.1, 0.2, 0.4, 0.7];
+pub(crate) const SLEW_SHARES: [f64; 10] = [0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.23, 0.35, 0.5, 0.75];
+/// Widths of an actuator's stiction, as shares of the largest command. Cost.
+pub(crate) const STICTION_WIDTHS: [f64; 12] =
+    [0.02, 0.027, 0.036, 0.048, 0.064, 0.085, 0.11, 0.15, 0.2, 0.27, 0.36, 0.48];
 /// Bases of each score test whose noise model is fitted anew. Cost.
 pub(crate) const BASES_REFITTED: usize = 6;
 /// Bases that are looked at in all score tests. Cost.

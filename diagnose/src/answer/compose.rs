@@ -86,7 +86,7 @@ pub(crate) fn answer(mut findings: Findings<'_>) -> Diagnosis {
     answer.not_testable = experiments::not_testable(&findings, data, vehicle);
     answer.unexplained = remainder::unexplained(&findings, data, vehicle);
     answer.verdict = verdict(&answer, &findings, data, vehicle);
-    let left = answer.verdict == Verdict::Unexplained && leaves_more_than_noise(&findings, data, vehicle);
+    let left = answer.verdict == Verdict::Unexplained && leaves_more_than_noise(&findings, data);
     if left && answer.unexplained.description.is_empty() {
         answer.unexplained.description = remainder::beside(&answer.outputs, answer.heldout.horizon_s);
     }
@@ -214,7 +214,7 @@ fn verdict(answer: &Diagnosis, findings: &Findings<'_>, data: &Data, vehicle: &V
         let all = answer.unexplained.share < EXPLAINED_SHARE && !lacks_fit(findings);
         return if all { Verdict::Explained } else { Verdict::PartlyExplained };
     }
-    if leaves_more_than_noise(findings, data, vehicle) || !findings.residual.random_forces.is_empty() {
+    if leaves_more_than_noise(findings, data) || !findings.residual.random_forces.is_empty() {
         Verdict::Unexplained
     } else if answer.data.iter().any(|f| f.kind == "no_excitation" && f.blocking)
         || hardly_testable(findings, answer)
@@ -243,15 +243,8 @@ fn lacks_fit(findings: &Findings<'_>) -> bool {
 
 /// True when the final residual is not noise, exceeds the noise that the vehicle file declares, or correlates
 /// with an input.
-fn leaves_more_than_noise(findings: &Findings<'_>, data: &Data, vehicle: &Vehicle) -> bool {
-    let residual = &findings.residual.selection.fit.residual;
-    let noise = &findings.residual.selection.fit.profile.noise;
-    let loud = (0..data.channels.len()).any(|c| {
-        let output = data.channels[c].output;
-        data.memory_s.is_none()
-            && vehicle.outputs[output].noise > 0.0
-            && noise.std(c, data, residual) > 2.0 * findings.baseline.sizes.noise[output]
-    });
+fn leaves_more_than_noise(findings: &Findings<'_>, data: &Data) -> bool {
+    let loud = !doubts::louder_than_declared(findings).is_empty();
     loud || lacks_fit(findings) || remainder::structured(findings, data)
 }
 

@@ -72,7 +72,8 @@ impl Signals {
         let mut all: Vec<Recipe<'_>> = Vec::new();
         for x in self.inputs.iter().chain(&self.states) {
             all.extend([recipe(|| smooth(x)), recipe(|| slowly(x)), recipe(|| switched(x))]);
-            all.extend((SLOW_TURNS + 1..=self.turns).map(|turns| recipe(move || self.swung(x, turns))));
+            all.push(recipe(|| drifting(x)));
+            all.extend((1..=self.turns).map(|turns| recipe(move || self.swung(x, turns))));
         }
         all.extend(self.states.iter().map(|x| recipe(|| waves(x))));
         all.extend(self.products());
@@ -81,8 +82,10 @@ impl Signals {
 
     /// Bases of states alone, and their products with inputs.
     pub fn of_states(&self) -> Vec<Recipe<'_>> {
-        let mut all: Vec<Recipe<'_>> =
-            self.states.iter().flat_map(|x| [recipe(|| smooth(x)), recipe(|| waves(x))]).collect();
+        let mut all: Vec<Recipe<'_>> = Vec::new();
+        for x in &self.states {
+            all.extend([recipe(|| smooth(x)), recipe(|| waves(x)), recipe(|| drifting(x))]);
+        }
         let swung = |x| (1..=self.turns).map(move |turns| recipe(move || self.swung(x, turns)));
         all.extend(self.states.iter().flat_map(swung));
         all.extend(self.products());
@@ -117,7 +120,7 @@ impl Signals {
     }
 }
 
-/// Bases of a static curve, a hysteresis or a slowly varying gain of a signal: all shapes together, and each shape alone
+/// Bases of a static curve, a hysteresis or a varying gain of a signal: all shapes together, and each shape alone
 /// beside the signal's own gain.
 pub fn curves(u: &Signal) -> Vec<Recipe<'_>> {
     let beside = |make: fn(&Signal) -> Basis, shape: usize| {
@@ -130,7 +133,7 @@ pub fn curves(u: &Signal) -> Vec<Recipe<'_>> {
     // The first shape is the signal itself.
     all.extend((1..SHAPES.len()).map(|shape| beside(smooth, shape)));
     all.extend((0..RELAY_THRESHOLDS.len()).map(|shape| beside(switched, shape)));
-    all.push(recipe(|| slowly(u)));
+    all.extend([recipe(|| slowly(u)), recipe(|| drifting(u))]);
     all
 }
 
@@ -165,13 +168,17 @@ fn swing(v: &[f64], turns: usize, turn: &[(f64, f64)]) -> [Vec<f64>; 2] {
     [swung(|(sine, _)| sine), swung(|(_, cosine)| cosine)]
 }
 
-/// A signal whose gain varies slowly: steadily, or over few cycles in the record.
+/// A signal whose gain drifts steadily.
+pub fn drifting(x: &Signal) -> Basis {
+    let steps = x.values.len() as f64;
+    let drift = x.values.iter().enumerate().map(|(k, v)| v * (2.0 * k as f64 / steps - 1.0)).collect();
+    Basis::new(format!("follows {} with a gain that drifts", x.name), vec![x.values.clone(), drift])
+}
+
+/// A signal whose gain varies slowly, over few cycles in the record.
 pub fn slowly(x: &Signal) -> Basis {
     let turn = turn(x.values.len());
-    let steps = x.values.len() as f64;
-    let steadily = x.values.iter().enumerate().map(|(k, v)| v * (2.0 * k as f64 / steps - 1.0)).collect();
-    let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns, &turn));
-    let swings = std::iter::once(steadily).chain(swings).collect();
+    let swings = (1..=SLOW_TURNS).flat_map(|turns| swing(&x.values, turns, &turn)).collect();
     Basis::new(format!("follows {} with a slowly varying gain", x.name), swings)
 }
 

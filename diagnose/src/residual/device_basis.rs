@@ -6,7 +6,7 @@
 //! Thornhill and Shah, Control Engineering Practice 13, 2005).
 
 use super::basis::{Basis, Recipe, Signal, curves};
-use crate::thresholds::{CREEP_TIMES, RELAY_THRESHOLDS, SLEW_SHARES};
+use crate::thresholds::{CREEP_TIMES, SLEW_SHARES, STICTION_WIDTHS};
 
 /// Errors of an actuator with this command, over the steps of a record.
 pub fn of_actuator<'s>(u: &'s Signal) -> Vec<Recipe<'s>> {
@@ -16,7 +16,7 @@ pub fn of_actuator<'s>(u: &'s Signal) -> Vec<Recipe<'s>> {
             Basis { description, functions: vec![u.values.clone(), error(stuck(&u.values, width), u)] }
         })
     };
-    curves(u).into_iter().chain(RELAY_THRESHOLDS.into_iter().map(sticking)).collect()
+    curves(u).into_iter().chain(STICTION_WIDTHS.into_iter().map(sticking)).collect()
 }
 
 /// Errors of a sensor of this quantity, over its samples; records begin at the samples `starts`.

@@ -273,7 +273,7 @@ fn groups<'a>(signals: &'a Signals) -> Vec<Group<'a>> {
             shapes.chain(times(u, &others)).collect()
         };
         all.push(Group { count, make: Box::new(bent) });
-        all.push(Group { count: 1 + 2 * SLOW_TURNS, make: Box::new(move || slowly(u).functions) });
+        all.push(Group { count: 2 * SLOW_TURNS, make: Box::new(move || slowly(u).functions) });
     }
     for (i, x) in signals.states.iter().enumerate() {
         let others = others(&signals.states[i + 1..], &signals.inputs);

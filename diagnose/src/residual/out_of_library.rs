@@ -212,9 +212,11 @@ impl<'a, 'd> Comparison<'a, 'd> {
         Some((force, explained))
     }
 
-    /// The most likely error of the sensors of some channels, as [`Self::best`].
+    /// The most likely error of a sensor of some channels, as [`Self::best`]. None where a filter follows the record: it
+    /// follows the error as well.
     fn error_of_sensor(&self, channels: &[usize]) -> Option<Rival> {
         let data = self.model.free_run.data;
+        data.memory_s.is_none().then_some(())?;
         let ranges = data.ranges();
         let of = |c: &usize| {
             let channel = &data.channels[*c];
