@@ -190,13 +190,18 @@ pub(crate) const RELAY_ROUNDS: usize = 4;
 pub(crate) const RELAYS_TOGETHER: usize = 24;
 /// Numbers of a relay beside its size. Threshold and dead time.
 pub(crate) const RELAY_PARAMETERS: usize = 2;
-/// Time constants of a sensor's creep, as parts of the record. Cost.
-pub(crate) const CREEP_TIMES: [usize; 6] = [2, 5, 10, 20, 50, 100];
-/// Limits of a sensor's rate, as shares of the fastest change from one sample to the next. Cost.
-pub(crate) const SLEW_SHARES: [f64; 10] = [0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.23, 0.35, 0.5, 0.75];
-/// Widths of an actuator's stiction, as shares of the largest command. Cost.
-pub(crate) const STICTION_WIDTHS: [f64; 12] =
-    [0.02, 0.027, 0.036, 0.048, 0.064, 0.085, 0.11, 0.15, 0.2, 0.27, 0.36, 0.48];
+/// Shortest and longest time constant of a sensor's creep, as shares of the record. Where a share of them is longer, it is a
+/// drift of the gain. Calibrated.
+pub(crate) const CREEP_TIMES: (f64, f64) = (0.01, 0.5);
+/// Smallest and largest limit of a sensor's rate, as shares of the fastest change from one sample to the next. Calibrated.
+pub(crate) const SLEW_SHARES: (f64, f64) = (0.02, 0.8);
+/// Smallest and largest width of an actuator's stiction, as shares of the largest command. Calibrated.
+pub(crate) const STICTION_WIDTHS: (f64, f64) = (0.02, 0.5);
+/// Numbers of a sensor's error that are tried, and between the neighbours of the best. Cost.
+pub(crate) const SENSOR_TRIED: [usize; 4] = [16, 6, 6, 6];
+/// Widths of stiction that are tried: one jump more or less changes all later ones, so that its likelihood has many maxima.
+/// Cost.
+pub(crate) const STICTION_TRIED: [usize; 1] = [96];
 /// Bases of each score test whose noise model is fitted anew. Cost.
 pub(crate) const BASES_REFITTED: usize = 6;
 /// Bases that are looked at in all score tests. Cost.

@@ -13,6 +13,7 @@ use crate::candidates::Candidate;
 use crate::data::record::Data;
 use crate::model::optimum::ModelError;
 use crate::model::predictor::gain_of_inputs;
+use crate::residual::excess_noise::louder_than_declared;
 use crate::residual::lack_of_fit::LackOfFit;
 use crate::search::selection::Refused;
 use crate::stages::check::Checked;
@@ -244,7 +245,8 @@ fn lacks_fit(findings: &Findings<'_>) -> bool {
 /// True when the final residual is not noise, exceeds the noise that the vehicle file declares, or correlates
 /// with an input.
 fn leaves_more_than_noise(findings: &Findings<'_>, data: &Data) -> bool {
-    let loud = !doubts::louder_than_declared(findings).is_empty();
+    let fit = &findings.residual.selection.fit;
+    let loud = !louder_than_declared(data, fit, &findings.baseline.sizes.noise).is_empty();
     loud || lacks_fit(findings) || remainder::structured(findings, data)
 }
 

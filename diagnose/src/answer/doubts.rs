@@ -7,13 +7,13 @@ use whirlstand_vehicle::Kind;
 use crate::answer::gains::{Gain, mean_growth};
 use crate::answer::schema::Cause;
 use crate::candidates::Candidate;
-use crate::data::record::Channel;
 use crate::residual::axis::Axis;
+use crate::residual::excess_noise::louder_than_declared;
 use crate::residual::narrow_band::fastest_pole_hz;
 use crate::stages::findings::Findings;
 use crate::thresholds::{
-    AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, EXCESS_NOISE_RATIO, EXPLAINED_SHARE, GREATEST_PHYSICAL_FACTOR,
-    RIDER_SHARE, UNIT_RATIOS, WORSE_AHEAD_RATIO,
+    AT_LIMIT_SHARE, CHANCE_FACTOR_SHARE, EXPLAINED_SHARE, GREATEST_PHYSICAL_FACTOR, RIDER_SHARE, UNIT_RATIOS,
+    WORSE_AHEAD_RATIO,
 };
 
 /// Sentences on what speaks against accepting the causes as the explanation.
@@ -46,30 +46,16 @@ pub(crate) fn doubts(causes: &[Cause], findings: &Findings<'_>) -> Vec<String> {
     doubts
 }
 
-/// Channels of which more is left than the noise that the vehicle file declares allows, each with the ratio of the two. A
-/// predictor that follows the record leaves motions in the residual.
-pub(crate) fn louder_than_declared(findings: &Findings<'_>) -> Vec<(usize, f64)> {
-    let (data, fit) = (findings.baseline.data(), &findings.residual.selection.fit);
-    if data.memory_s.is_some() {
-        return Vec::new();
-    }
-    let declared = |(c, channel): (usize, &Channel)| {
-        let times =
-            fit.profile.noise.std(c, data, &fit.residual) / findings.baseline.sizes.noise[channel.output];
-        (channel.declared > 0.0 && times > EXCESS_NOISE_RATIO).then_some((c, times))
-    };
-    data.channels.iter().enumerate().filter_map(declared).collect()
-}
-
 /// Doubt about causes that leave more than noise, where neither noise nor turbulence is a cause: a noise model of any
 /// spectrum would explain it, but not the declared size.
 fn left_beyond_noise(findings: &Findings<'_>) -> Option<String> {
     let residual = &findings.residual;
-    let louder = louder_than_declared(findings);
+    let baseline = findings.baseline;
+    let louder = louder_than_declared(baseline.data(), &residual.selection.fit, &baseline.sizes.noise);
     let own = |c: usize| residual.noise.iter().any(|(channel, _)| *channel == c);
     let loudest = louder.into_iter().filter(|(c, _)| !own(*c)).max_by(|a, b| a.1.total_cmp(&b.1));
     let (c, times) = loudest.filter(|_| residual.turbulence.is_none())?;
-    let output = &findings.baseline.vehicle().outputs[findings.baseline.data().channels[c].output];
+    let output = &baseline.vehicle().outputs[baseline.data().channels[c].output];
     Some(format!("what is left of {} is {times:.1} times its declared noise", output.name))
 }
 

@@ -70,8 +70,7 @@ pub(crate) fn unexplained(findings: &Findings<'_>, data: &Data, vehicle: &Vehicl
     // A random cause is named separately and stays in every residual.
     let random = findings.residual.turbulence.is_some() || !findings.residual.noise.is_empty();
     let share = if before > 0.0 && !random { (left / before).clamp(0.0, 1.0) } else { 0.0 };
-    let like =
-        findings.residual.out_of_library.as_ref().map(|by| format!("{} would fit as well", by.description));
+    let like = findings.residual.out_of_library.as_ref().map(|by| format!("it may be {}", by.description));
     let lost = lost(findings, data, vehicle);
     if left == 0.0 || random && share == 0.0 {
         return Unexplained { share, description: sentence(lost.into_iter().chain(like).collect()) };

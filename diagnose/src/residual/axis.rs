@@ -2,6 +2,7 @@
 
 use whirlstand_vehicle::{Effect, Kind, Matrix, Place, Subsystem, Vehicle};
 
+use crate::data::record::Data;
 use crate::model::reach::Reach;
 use crate::search::selection::Selection;
 
@@ -41,21 +42,34 @@ impl Axis {
             }
         }
         let axis = |(part, terms): (Option<Subsystem>, Vec<usize>)| {
-            let part = part.unwrap_or_else(|| Subsystem {
-                states: (0..vehicle.states.len()).collect(),
-                inputs: (0..vehicle.inputs.len()).collect(),
-                outputs: (0..vehicle.outputs.len()).collect(),
-            });
-            let own = |c: &usize| part.outputs.contains(&data.channels[*c].output);
-            let channels = (0..data.channels.len()).filter(own).collect();
+            let all = whole(&vehicle, data);
+            let (states, inputs, channels) = match part {
+                Some(part) => {
+                    let own = |c: &usize| part.outputs.contains(&data.channels[*c].output);
+                    (part.states, part.inputs, all.channels.into_iter().filter(own).collect())
+                }
+                None => (all.states, all.inputs, all.channels),
+            };
             let tone = |term: &usize| model.terms[*term].kind == Kind::Vibration;
             let (tones, terms): (Vec<usize>, Vec<usize>) = terms.into_iter().partition(tone);
             let acted: Vec<usize> =
                 terms.iter().flat_map(|term| acts_on(&effects[*term], &vehicle)).collect();
             let is_shared = (1..acted.len()).any(|i| acted[..i].contains(&acted[i]));
-            Self { terms, tones, states: part.states, inputs: part.inputs, channels, is_shared }
+            Self { terms, tones, states, inputs, channels, is_shared }
         };
         parts.into_iter().map(axis).collect()
+    }
+}
+
+/// All of the vehicle as one part, without causes.
+pub fn whole(vehicle: &Vehicle, data: &Data) -> Axis {
+    Axis {
+        terms: Vec::new(),
+        tones: Vec::new(),
+        states: (0..vehicle.states.len()).collect(),
+        inputs: (0..vehicle.inputs.len()).collect(),
+        channels: (0..data.channels.len()).collect(),
+        is_shared: false,
     }
 }
 

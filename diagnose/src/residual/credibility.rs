@@ -4,8 +4,9 @@ use crate::candidates::library::Candidate;
 use crate::model::noise::Noise;
 use crate::model::score_test::{ScoreTest, cosine};
 use crate::residual::axis::Axis;
+use crate::residual::comparison::ForceOnSignal;
 use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
-use crate::residual::out_of_library::{self, ForceOnSignal};
+use crate::residual::out_of_library;
 use crate::residual::random_force::random_forces;
 use crate::screen::foresight;
 use crate::search::alternative::SearchSpace;
@@ -200,7 +201,8 @@ impl Credibility<'_> {
         };
         let (before, after) = ((&without.model, &without.fit), (&selection.model, &selection.fit));
         let force = asked.then(|| out_of_library::force(before, after, axis, self.space)).flatten();
-        let error = out_of_library::device_error(before, axis, self.space);
+        let error = if asked { out_of_library::device_error } else { out_of_library::sensor_error };
+        let error = error(before, axis, self.space);
         let (rival, explained) = out_of_library::likelier(force.into_iter().chain(error))?;
         if rival.gain <= own + lead {
             return None;

@@ -6,37 +6,44 @@
 //! Thornhill and Shah, Control Engineering Practice 13, 2005).
 
 use super::basis::{Basis, Recipe, Signal, curves};
-use crate::thresholds::{CREEP_TIMES, SLEW_SHARES, STICTION_WIDTHS};
+use crate::thresholds::{CREEP_TIMES, SENSOR_TRIED, SLEW_SHARES, STICTION_TRIED, STICTION_WIDTHS};
+
+/// Errors of one kind that a number describes, which is searched for between two values.
+pub struct Family<'s> {
+    /// Creates the basis of a number on demand.
+    pub make: Box<dyn Fn(f64) -> Basis + Send + Sync + 's>,
+    /// Range of the number.
+    pub range: (f64, f64),
+    /// How many values of it are tried, equally spaced in its logarithm, and then between the neighbours of the best one.
+    pub tried: &'static [usize],
+}
+
+/// Errors of a device: those without a number to search for, and the others.
+pub type Errors<'s> = (Vec<Recipe<'s>>, Vec<Family<'s>>);
 
 /// Errors of an actuator with this command, over the steps of a record.
-pub fn of_actuator<'s>(u: &'s Signal) -> Vec<Recipe<'s>> {
-    let sticking = |width: f64| -> Recipe<'s> {
-        Box::new(move || {
-            let description = format!("makes {} stick", u.name);
-            Basis { description, functions: vec![u.values.clone(), error(stuck(&u.values, width), u)] }
-        })
+pub fn of_actuator(u: &Signal) -> Errors<'_> {
+    let sticking = move |width: f64| {
+        let description = format!("makes {} stick", u.name);
+        Basis { description, functions: vec![u.values.clone(), error(stuck(&u.values, width), u)] }
     };
-    curves(u).into_iter().chain(STICTION_WIDTHS.into_iter().map(sticking)).collect()
+    (curves(u), vec![Family { make: Box::new(sticking), range: STICTION_WIDTHS, tried: &STICTION_TRIED }])
 }
 
 /// Errors of a sensor of this quantity, over its samples; records begin at the samples `starts`.
-pub fn of_sensor<'s>(y: &'s Signal, starts: &'s [usize]) -> Vec<Recipe<'s>> {
-    let creeping = |times: usize| -> Recipe<'s> {
-        Box::new(move || {
-            let samples = y.values.len() as f64 / times as f64;
-            let description = format!("makes {} creep", y.name);
-            Basis { description, functions: crept(&y.values, samples, starts).into() }
-        })
+pub fn of_sensor<'s>(y: &'s Signal, starts: &'s [usize]) -> Errors<'s> {
+    let creeping = move |share: f64| {
+        let description = format!("makes {} creep", y.name);
+        Basis { description, functions: crept(&y.values, share * y.values.len() as f64, starts).into() }
     };
     let fastest = y.values.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
-    let slewing = |share: f64| -> Recipe<'s> {
-        Box::new(move || {
-            let description = format!("limits the rate of {}", y.name);
-            Basis { description, functions: vec![error(slewed(&y.values, share * fastest, starts), y)] }
-        })
+    let slewing = move |share: f64| {
+        let description = format!("limits the rate of {}", y.name);
+        Basis { description, functions: vec![error(slewed(&y.values, share * fastest, starts), y)] }
     };
-    let (creeping, slewing) = (CREEP_TIMES.map(creeping), SLEW_SHARES.map(slewing));
-    curves(y).into_iter().chain(creeping).chain(slewing).collect()
+    let creeping = Family { make: Box::new(creeping), range: CREEP_TIMES, tried: &SENSOR_TRIED };
+    let slewing = Family { make: Box::new(slewing), range: SLEW_SHARES, tried: &SENSOR_TRIED };
+    (curves(y), vec![creeping, slewing])
 }
 
 /// A device's value minus the true one.

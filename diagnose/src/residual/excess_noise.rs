@@ -4,6 +4,7 @@ use whirlstand_logs::stats::{mean, rms};
 
 use crate::data::record::{Channel, Data};
 use crate::model::channel_noise::ChannelNoise;
+use crate::model::fit::Fit;
 use crate::thresholds::{EXCESS_NOISE_RATIO, OPPOSED_AGAIN};
 
 /// White noise of a channel in excess of the declared noise.
@@ -58,6 +59,20 @@ pub fn beside_a_motion(residual: &[f64], channel: &Channel, declared: f64) -> Op
     // Of the standard deviation, relative to it.
     let error = 1.96 * 0.5 * spread / (next.len() as f64).sqrt() / variance;
     beyond((variance.sqrt(), error), declared).filter(|_| variance.sqrt() * (1.0 - error) > declared)
+}
+
+/// Channels of which more is left than the noise that the vehicle file declares allows, each with the ratio of the two; `noise`
+/// are the standard deviations by output, rounding included. None where a predictor follows the record: it leaves motions in
+/// the residual.
+pub fn louder_than_declared(data: &Data, fit: &Fit, noise: &[f64]) -> Vec<(usize, f64)> {
+    if data.memory_s.is_some() {
+        return Vec::new();
+    }
+    let declared = |(c, channel): (usize, &Channel)| {
+        let times = fit.profile.noise.std(c, data, &fit.residual) / noise[channel.output];
+        (channel.declared > 0.0 && times > EXCESS_NOISE_RATIO).then_some((c, times))
+    };
+    data.channels.iter().enumerate().filter_map(declared).collect()
 }
 
 /// What a total standard deviation with its relative error has beyond the declared one.

@@ -3,6 +3,7 @@
 
 pub mod axis;
 pub mod basis;
+pub mod comparison;
 pub mod credibility;
 pub mod device_basis;
 pub mod excess_noise;

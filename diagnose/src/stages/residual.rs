@@ -4,11 +4,12 @@ use super::select::Selected;
 use crate::data::outliers::still_wild;
 use crate::data::sample_effect::SampleEffect;
 use crate::model::fit::{Fit, Model};
+use crate::residual::comparison::ForceOnSignal;
 use crate::residual::credibility::{Credibility, Withheld};
-use crate::residual::excess_noise::{ExcessNoise, beside_a_motion, excess_noise};
+use crate::residual::excess_noise::{ExcessNoise, beside_a_motion, excess_noise, louder_than_declared};
 use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
 use crate::residual::narrow_band::{NarrowBand, narrow_band};
-use crate::residual::out_of_library::ForceOnSignal;
+use crate::residual::out_of_library;
 use crate::residual::turbulence::Turbulence;
 use crate::residual::with_turbulence::with_turbulence;
 use crate::search::alternative::SearchSpace;
@@ -75,6 +76,12 @@ impl<'r> Residual<'r> {
                 lack = Some(LackOfFit::or_one(lack, rival.gain));
                 force = Some(rival);
             }
+            let fit = &selection.fit;
+            let more = lack.is_some_and(|lack| lack.is_significant())
+                || !louder_than_declared(baseline.data(), fit, &baseline.sizes.noise).is_empty();
+            if selection.model.terms.is_empty() && turbulence.is_none() && more {
+                force = force.or_else(|| out_of_library::anywhere(&selection.model, fit, &space));
+            }
         }
         let mut samples = baseline.checked.samples.clone();
         still_wild(&mut samples, baseline.data(), baseline.good.clone(), &selection.fit.predicted);
@@ -85,7 +92,8 @@ impl<'r> Residual<'r> {
         };
         let states = &baseline.vehicle().states;
         random_forces.retain(|state| turbulence.as_ref().is_none_or(|t| states[t.state].name != *state));
-        let out_of_library = force.filter(|_| lack.is_some_and(|lack| lack.is_significant()));
+        let named = !selection.model.terms.is_empty();
+        let out_of_library = force.filter(|_| !named || lack.is_some_and(|lack| lack.is_significant()));
         Self {
             selection,
             samples,

@@ -1,5 +1,6 @@
 //! Diagnoses of simulated records.
 
+mod devices;
 mod diagnose;
 mod diagnose_alike;
 mod diagnose_together;
