@@ -23,7 +23,7 @@ pub enum Outcome {
     /// Correct: the right name and location first; both effects of a pair; no name on a clean record or for
     /// an effect outside the table.
     Right,
-    /// An effect outside the table was named as an effect of the table with nearly the same signature in this
+    /// An effect outside the table was named as effects of the table with nearly the same signature in this
     /// record: neither right nor wrong. The generator redraws the trials that it recognizes as such.
     Alike,
     /// Another cause is first, and the truth is rightly listed as indistinguishable from it.
@@ -142,11 +142,7 @@ impl Scored {
         let found = meant.len() - wrong_names;
         let outcome = match trial.answer.case {
             Case::Clean | Case::Outside if causes.is_empty() => Outcome::Right,
-            Case::Outside
-                if causes.len() == 1 && confusability.outside(&causes[0]).is_some_and(|k| k > CONFUSABLE) =>
-            {
-                Outcome::Alike
-            }
+            Case::Outside if confusability.outside(causes).is_some_and(|k| k > CONFUSABLE) => Outcome::Alike,
             Case::Clean | Case::Outside => Outcome::Wrong,
             _ if causes.is_empty() => Outcome::Missed,
             Case::Single => match meant[0] {
@@ -315,12 +311,15 @@ impl<'a> Confusability<'a> {
         self.between([&named, &truth], &rest)
     }
 
-    /// Confusability of a cause with the trial's effect outside the table.
-    fn outside(&mut self, cause: &Cause) -> Option<f64> {
+    /// Confusability of causes, flown together, with the trial's effect outside the table. Of disturbances, which have a
+    /// course of their own, several could be made into anything: only a single one counts.
+    fn outside(&mut self, causes: &[Cause]) -> Option<f64> {
         let experiment = &self.trial.experiment;
-        let named = effect(cause).filter(|e| !random(e.kind()))?;
+        let named: Vec<Effect> = causes.iter().map(effect).collect::<Option<_>>()?;
+        let allowed = |e: &Effect| !random(e.kind()) && (causes.len() == 1 || !disturbance(e.kind()));
+        named.iter().all(allowed).then_some(())?;
         let truth = experiment.expected(&[], self.trial.outside.as_ref()).ok()?;
-        let named = experiment.expected(&[named], None).ok()?;
+        let named = experiment.expected(&named, None).ok()?;
         self.between([&named, &truth], &experiment.expected(&[], None).ok()?)
     }
 
@@ -346,6 +345,14 @@ impl<'a> Confusability<'a> {
 
 fn random(kind: Kind) -> bool {
     matches!(kind, Kind::Turbulence | Kind::Noise | Kind::Quantization | Kind::Dropouts | Kind::Outliers)
+}
+
+/// Whether an effect is a force, or a sensor's error, with a course of its own.
+fn disturbance(kind: Kind) -> bool {
+    matches!(
+        kind,
+        Kind::StepDisturbance | Kind::PulseDisturbance | Kind::PeriodicDisturbance | Kind::Vibration
+    )
 }
 
 /// Converts a named cause to an effect.

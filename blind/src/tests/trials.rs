@@ -190,3 +190,32 @@ fn what_is_outside_the_table_is_alike_only_under_a_name_that_does_the_same() {
     let other = pulse(-0.0139, 4.0);
     assert_eq!((other.outcome, other.wrong_names), (Outcome::Wrong, 1), "{:?}", other.kappa);
 }
+
+/// Self-excitation as in van der Pol's oscillator is, on a single state, a smaller damping and a cubic one. Several pushes could
+/// be made into anything: they are no such effect.
+#[test]
+fn effects_that_are_together_what_was_hidden_are_alike() {
+    let setting =
+        Setting { lengths_s: Some((12.0, 24.0)), rates_hz: Some(vec![40.0, 50.0]), ..Setting::default() };
+    let plan = Plan::new(20_261_247_000_746, Generator::Shifted, Loops::Both);
+    let trial = Trial::draw(&plan, &setting).unwrap().unwrap();
+    let hidden = &trial.answer.effects[0];
+    assert_eq!(hidden.effect, "self_excitation");
+    let vehicle = &trial.experiment.nominal.vehicle;
+    let onto = hidden.place.rsplit(' ').next().unwrap();
+    let i = vehicle.states.iter().position(|state| state.name == onto).unwrap();
+    let (size, scale) = (hidden.parameters["size"], hidden.parameters["scale"]);
+    let cause = |effect: &str, place: String, parameter: &str, value: f64| json!({ "effect": effect, "where": place, "parameters": { parameter: { "value": value } } });
+    let entry = format!("A[{},{}]", i + 1, i + 1);
+    let damping = cause("parameter_change", entry, "value", vehicle.a[(i, i)] + size);
+    let place = format!("{onto}->{onto}");
+    let cubic = cause("cubic_stiffness", place, "coefficient", size / (scale * scale));
+    let outcome = |causes: Vec<&Value>| {
+        let scored = score(&trial, json!({ "verdict": "explained", "causes": causes }));
+        (scored.outcome, scored.wrong_names)
+    };
+    assert_eq!(outcome(vec![&damping, &cubic]), (Outcome::Alike, 0));
+    let push = json!({ "effect": "step_disturbance", "where": onto,
+        "parameters": { "at_s": { "value": 3.0 }, "magnitude": { "value": 1e-9 } } });
+    assert_eq!(outcome(vec![&damping, &cubic, &push]), (Outcome::Wrong, 3));
+}
