@@ -65,9 +65,10 @@ fn stuck(signal: &[f64], width: f64) -> Vec<f64> {
 
 /// A signal whose change from one sample to the next is limited.
 fn slewed(signal: &[f64], most: f64, starts: &[usize]) -> Vec<f64> {
-    let mut at = 0.0;
+    let (mut at, mut starts) = (0.0, starts.iter().peekable());
     let follow = |(k, v): (usize, &f64)| {
-        at = if starts.contains(&k) { *v } else { at + (v - at).clamp(-most, most) };
+        let begins = starts.next_if(|start| **start <= k).is_some();
+        at = if begins { *v } else { at + (v - at).clamp(-most, most) };
         at
     };
     signal.iter().enumerate().map(follow).collect()
@@ -76,10 +77,10 @@ fn slewed(signal: &[f64], most: f64, starts: &[usize]) -> Vec<f64> {
 /// A signal behind a lag of so many samples, and the decay of what the lag holds when a record begins.
 fn crept(signal: &[f64], samples: f64, starts: &[usize]) -> [Vec<f64>; 2] {
     let keep = (-1.0 / samples).exp();
-    let (mut lagged, mut decay) = (0.0, 0.0);
+    let (mut lagged, mut decay, mut starts) = (0.0, 0.0, starts.iter().peekable());
     let follow = |(k, v): (usize, &f64)| {
-        (lagged, decay) =
-            if starts.contains(&k) { (0.0, 1.0) } else { (keep * lagged + (1.0 - keep) * v, keep * decay) };
+        let begins = starts.next_if(|start| **start <= k).is_some();
+        (lagged, decay) = if begins { (0.0, 1.0) } else { (keep * lagged + (1.0 - keep) * v, keep * decay) };
         (lagged, decay)
     };
     signal.iter().enumerate().map(follow).unzip::<f64, f64, Vec<_>, Vec<_>>().into()
