@@ -205,7 +205,10 @@ fn effects_that_are_together_what_was_hidden_are_alike() {
     let onto = hidden.place.rsplit(' ').next().unwrap();
     let i = vehicle.states.iter().position(|state| state.name == onto).unwrap();
     let (size, scale) = (hidden.parameters["size"], hidden.parameters["scale"]);
-    let cause = |effect: &str, place: String, parameter: &str, value: f64| json!({ "effect": effect, "where": place, "parameters": { parameter: { "value": value } } });
+    let cause = |effect: &str, place: String, parameter: &str, value: f64| {
+        let parameters = json!({ parameter: { "value": value } });
+        json!({ "effect": effect, "where": place, "parameters": parameters })
+    };
     let entry = format!("A[{},{}]", i + 1, i + 1);
     let damping = cause("parameter_change", entry, "value", vehicle.a[(i, i)] + size);
     let place = format!("{onto}->{onto}");

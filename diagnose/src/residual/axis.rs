@@ -25,6 +25,18 @@ pub struct Axis {
 }
 
 impl Axis {
+    /// All of the vehicle as one part, without causes.
+    pub fn whole(vehicle: &Vehicle, data: &Data) -> Self {
+        Self {
+            terms: Vec::new(),
+            tones: Vec::new(),
+            states: (0..vehicle.states.len()).collect(),
+            inputs: (0..vehicle.inputs.len()).collect(),
+            channels: (0..data.channels.len()).collect(),
+            is_shared: false,
+        }
+    }
+
     /// The decoupled parts on which the causes of a selection act: one where all is coupled.
     pub fn all(selection: &Selection<'_, '_>) -> Vec<Self> {
         let (model, values) = (&selection.model, &selection.fit.values);
@@ -42,7 +54,7 @@ impl Axis {
             }
         }
         let axis = |(part, terms): (Option<Subsystem>, Vec<usize>)| {
-            let all = whole(&vehicle, data);
+            let all = Self::whole(&vehicle, data);
             let (states, inputs, channels) = match part {
                 Some(part) => {
                     let own = |c: &usize| part.outputs.contains(&data.channels[*c].output);
@@ -58,18 +70,6 @@ impl Axis {
             Self { terms, tones, states, inputs, channels, is_shared }
         };
         parts.into_iter().map(axis).collect()
-    }
-}
-
-/// All of the vehicle as one part, without causes.
-pub fn whole(vehicle: &Vehicle, data: &Data) -> Axis {
-    Axis {
-        terms: Vec::new(),
-        tones: Vec::new(),
-        states: (0..vehicle.states.len()).collect(),
-        inputs: (0..vehicle.inputs.len()).collect(),
-        channels: (0..data.channels.len()).collect(),
-        is_shared: false,
     }
 }
 

@@ -10,7 +10,8 @@ use crate::model::forced_response::Forces;
 use crate::model::input_reconstruction::Entry;
 use crate::model::noise::{Noise, Profile};
 use crate::model::score_test::ScoreTest;
-use crate::residual::basis::{Basis, Recipe, Signal, scale};
+use crate::residual::axis::Axis;
+use crate::residual::basis::{Basis, Recipe, Signal, Signals, scale};
 use crate::residual::device_basis::{Errors, Family, of_actuator, of_sensor};
 use crate::residual::hysteresis_relay;
 use crate::search::alternative::SearchSpace;
@@ -27,6 +28,11 @@ pub struct ForceOnSignal {
 
 /// A rival of the causes on a part of the vehicle, and the part of the samples that it explains.
 pub type Rival = (ForceOnSignal, Vec<f64>);
+
+/// The rival with the largest gain.
+pub fn likelier(rivals: impl IntoIterator<Item = Rival>) -> Option<Rival> {
+    rivals.into_iter().max_by(|(a, _), (b, _)| a.gain.total_cmp(&b.gain))
+}
 
 /// Text such as "a force on roll_rate that follows pitch".
 pub fn on(vehicle: &Vehicle, entry: Entry, description: &str) -> String {
@@ -83,8 +89,29 @@ impl<'a, 'd> Comparison<'a, 'd> {
         self.best_of(entry, (bases, Vec::new()))
     }
 
+    /// The most likely force on any state of a part of the vehicle. The signals are those of a model `with` causes, which is
+    /// closer to the truth.
+    pub fn force(&self, (with, its): (&Model<'_, '_>, &Fit), axis: &Axis) -> Option<Rival> {
+        let states = with.free_run.run_states(&with.vehicle(&its.values).ok()?, &its.values[..with.states()]);
+        let signals = Signals::new(with, states.ok()?);
+        let moved = |i: &usize| self.vehicle.kinematic_row(*i).is_none();
+        let on_state = |i: usize| {
+            let smooth = self.best(Entry::State(i), signals.of_states());
+            smooth.into_iter().chain(self.relay(i, &signals.states))
+        };
+        likelier(axis.states.iter().copied().filter(moved).flat_map(on_state))
+    }
+
+    /// The most likely error of an actuator or a sensor of a part of the vehicle. Its signals are known, or predicted by the
+    /// model.
+    pub fn error_of_device(&self, axis: &Axis) -> Option<Rival> {
+        let commands = Signals::new(self.model, Vec::new()).inputs;
+        let of_actuator = |j: &usize| self.error_of_actuator(*j, &commands[*j]);
+        likelier(axis.inputs.iter().filter_map(of_actuator).chain(self.error_of_sensor(&axis.channels)))
+    }
+
     /// The most likely error of the actuator of an input, which gets this command, as [`Self::best`].
-    pub fn error_of_actuator(&self, input: usize, command: &Signal) -> Option<Rival> {
+    fn error_of_actuator(&self, input: usize, command: &Signal) -> Option<Rival> {
         self.best_of(Entry::Input(input), of_actuator(command))
     }
 
@@ -222,7 +249,7 @@ impl<'a, 'd> Comparison<'a, 'd> {
     }
 
     /// The most likely force that switches with a state, and the part of the samples that it explains.
-    pub fn relay(&self, state: usize, states: &[Signal]) -> Option<Rival> {
+    fn relay(&self, state: usize, states: &[Signal]) -> Option<Rival> {
         let pushed = [(state, self.slopes[state])];
         let forces = Forces::new(self.model, self.fit, self.vehicle, &pushed);
         let looks = 2.0 * ((states.len() * hysteresis_relay::looks()) as f64).ln();

@@ -4,9 +4,8 @@ use crate::candidates::library::Candidate;
 use crate::model::noise::Noise;
 use crate::model::score_test::{ScoreTest, cosine};
 use crate::residual::axis::Axis;
-use crate::residual::comparison::ForceOnSignal;
+use crate::residual::comparison::{Comparison, ForceOnSignal, likelier};
 use crate::residual::lack_of_fit::{LackOfFit, lack_of_fit};
-use crate::residual::out_of_library;
 use crate::residual::random_force::random_forces;
 use crate::screen::foresight;
 use crate::search::alternative::SearchSpace;
@@ -55,18 +54,20 @@ impl Credibility<'_> {
         let (mut dropped, mut rivals) = (Vec::new(), Vec::new());
         for axis in Axis::all(selection) {
             let left = lack.and_then(|lack| self.left_in(selection, &axis, lack));
-            let whole = [axis.terms.as_slice(), &axis.tones].concat();
-            let rivalled = |terms: &[usize]| {
-                let without = selection.without(terms, &self.start)?;
-                Some((terms.to_vec(), self.rival(selection, &without, &axis, left)?))
+            let without = selection.without(&axis.terms, &self.start);
+            let of_all = || {
+                (!axis.tones.is_empty()).then_some(())?;
+                let all = [axis.terms.as_slice(), &axis.tones].concat();
+                let rival = self.rival(selection, &selection.without(&all, &self.start)?, &axis, left)?;
+                Some((all, rival))
             };
-            let tones = !axis.tones.is_empty();
-            let found = tones.then(|| rivalled(&whole)).flatten().or_else(|| rivalled(&axis.terms));
-            if let Some((terms, rival)) = found {
+            let of_causes =
+                || Some((axis.terms.clone(), self.rival(selection, without.as_ref()?, &axis, left)?));
+            if let Some((terms, rival)) = of_all().or_else(of_causes) {
                 let why = format!("{} explains as much", rival.description);
                 dropped.extend(terms.into_iter().map(|term| (term, why.clone())));
                 rivals.push(rival);
-            } else if let Some((left, without)) = left.zip(selection.without(&axis.terms, &self.start)) {
+            } else if let Some((left, without)) = left.zip(without) {
                 let why = "the remaining residual is not noise, so it is only part of another effect";
                 let part = self.partial(selection, &without, axis, left);
                 dropped.extend(part.into_iter().map(|term| (term, why.to_owned())));
@@ -199,11 +200,15 @@ impl Credibility<'_> {
             (true, false) => 0.0,
             (false, _) => MIN_BIC_GAIN,
         };
-        let (before, after) = ((&without.model, &without.fit), (&selection.model, &selection.fit));
-        let force = asked.then(|| out_of_library::force(before, after, axis, self.space)).flatten();
-        let error = if asked { out_of_library::device_error } else { out_of_library::sensor_error };
-        let error = error(before, axis, self.space);
-        let (rival, explained) = out_of_library::likelier(force.into_iter().chain(error))?;
+        let vehicle = without.model.vehicle(&without.fit.values).ok()?;
+        let comparison = Comparison::new(&without.model, &without.fit, &vehicle, self.space);
+        let rivals = if asked {
+            let force = comparison.force((&selection.model, &selection.fit), axis);
+            [force, comparison.error_of_device(axis)]
+        } else {
+            [None, comparison.error_of_sensor(&axis.channels)]
+        };
+        let (rival, explained) = likelier(rivals.into_iter().flatten())?;
         if rival.gain <= own + lead {
             return None;
         }

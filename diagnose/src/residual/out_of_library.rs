@@ -1,5 +1,5 @@
-//! Forces outside the library: tests whether apparent turbulence, or several causes together, is a force that
-//! is a function of inputs and states of a shape that the table does not name.
+//! What is outside the library: tests whether apparent turbulence is a force that is a function of inputs and states of a
+//! shape that the table does not name, and what such a force, or error of a device, explains where no cause is named.
 //!
 //! Turbulence explains any slow force, as it has one value per step, and several causes together can imitate
 //! a force that is none of them. A force that follows a signal has few parameters: where these explain as
@@ -12,9 +12,9 @@ use crate::model::forced_response::Forces;
 use crate::model::input_reconstruction::Entry;
 use crate::model::noise::Noise;
 use crate::model::score_test::ScoreTest;
-use crate::residual::axis::{self, Axis};
+use crate::residual::axis::Axis;
 use crate::residual::basis::Signals;
-use crate::residual::comparison::{Comparison, ForceOnSignal, Rival, explained, on};
+use crate::residual::comparison::{Comparison, ForceOnSignal, explained, likelier, on};
 use crate::residual::hysteresis_relay;
 use crate::search::alternative::SearchSpace;
 use whirlstand_logs::stats::chi_square_tail;
@@ -86,59 +86,11 @@ pub fn beyond_turbulence(
         .then(|| ForceOnSignal { gain: score, description: on(&vehicle, Entry::State(state), &description) })
 }
 
-/// The most likely force on any state of a part of the vehicle, relative to the fit of a model without causes there. The
-/// signals are those of a model `with` causes, which is closer to the truth.
-pub fn force(
-    (model, fit): (&Model<'_, '_>, &Fit),
-    (with, its): (&Model<'_, '_>, &Fit),
-    axis: &Axis,
-    space: &SearchSpace<'_>,
-) -> Option<Rival> {
-    let signals = Signals::new(
-        with,
-        with.free_run.run_states(&with.vehicle(&its.values).ok()?, &its.values[..with.states()]).ok()?,
-    );
-    let vehicle = model.vehicle(&fit.values).ok()?;
-    let comparison = Comparison::new(model, fit, &vehicle, space);
-    let moved = |i: &usize| vehicle.kinematic_row(*i).is_none();
-    let forces = axis.states.iter().copied().filter(moved);
-    let forces = forces.flat_map(|i| {
-        [comparison.best(Entry::State(i), signals.of_states()), comparison.relay(i, &signals.states)]
-            .into_iter()
-            .flatten()
-    });
-    likelier(forces)
-}
-
-/// The most likely error of an actuator or a sensor of a part of the vehicle, relative to the fit of a model without causes
-/// there. Its signals are known, or predicted by that model.
-pub fn device_error(own: (&Model<'_, '_>, &Fit), axis: &Axis, space: &SearchSpace<'_>) -> Option<Rival> {
-    let ((model, fit), sensor) = (own, sensor_error(own, axis, space));
-    let vehicle = model.vehicle(&fit.values).ok()?;
-    let comparison = Comparison::new(model, fit, &vehicle, space);
-    let commands = Signals::new(model, Vec::new()).inputs;
-    let inputs = axis.inputs.iter().copied();
-    likelier(inputs.filter_map(|j| comparison.error_of_actuator(j, &commands[j])).chain(sensor))
-}
-
-/// The most likely error of a sensor, as [`device_error`]: it needs no simulation.
-pub fn sensor_error(
-    (model, fit): (&Model<'_, '_>, &Fit),
-    axis: &Axis,
-    space: &SearchSpace<'_>,
-) -> Option<Rival> {
-    let vehicle = model.vehicle(&fit.values).ok()?;
-    Comparison::new(model, fit, &vehicle, space).error_of_sensor(&axis.channels)
-}
-
 /// The most likely force on any state or error of any device, relative to a fit without causes; `None` where none gains.
 pub fn anywhere(model: &Model<'_, '_>, fit: &Fit, space: &SearchSpace<'_>) -> Option<ForceOnSignal> {
-    let (whole, own) = (axis::whole(&model.free_run.vehicle, model.free_run.data), (model, fit));
-    let all = force(own, own, &whole, space).into_iter().chain(device_error(own, &whole, space));
+    let vehicle = model.vehicle(&fit.values).ok()?;
+    let comparison = Comparison::new(model, fit, &vehicle, space);
+    let whole = Axis::whole(&vehicle, model.free_run.data);
+    let all = comparison.force((model, fit), &whole).into_iter().chain(comparison.error_of_device(&whole));
     likelier(all).map(|(by, _)| by).filter(|by| by.gain > MIN_BIC_GAIN)
-}
-
-/// The rival with the largest gain.
-pub fn likelier(rivals: impl IntoIterator<Item = Rival>) -> Option<Rival> {
-    rivals.into_iter().max_by(|(a, _), (b, _)| a.gain.total_cmp(&b.gain))
 }

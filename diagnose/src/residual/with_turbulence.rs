@@ -14,7 +14,7 @@ use crate::data::record::Data;
 use crate::model::fit::Model;
 use crate::model::noise::Noise;
 use crate::residual::axis::Axis;
-use crate::residual::comparison::ForceOnSignal;
+use crate::residual::comparison::{Comparison, ForceOnSignal};
 use crate::residual::out_of_library;
 use crate::residual::turbulence::{Turbulence, turbulence};
 use crate::search::alternative::SearchSpace;
@@ -159,8 +159,9 @@ fn is_device_error(selection: &Selection<'_, '_>, found: &Turbulence, space: &Se
     let error = part.and_then(|axis| {
         let without = selection.without(&axis.terms, &[])?;
         let own = plain_bic(&without, data) - plain_bic(selection, data);
-        let (error, _) = out_of_library::device_error((&without.model, &without.fit), &axis, space)?;
-        Some(error.gain - own)
+        let vehicle = without.model.vehicle(&without.fit.values).ok()?;
+        let comparison = Comparison::new(&without.model, &without.fit, &vehicle, space);
+        Some(comparison.error_of_device(&axis)?.0.gain - own)
     });
     error.is_some_and(|gain| gain > found.delta_bic)
 }
