@@ -161,20 +161,29 @@ pub fn unbroken(record: &Record, signals: &[&str]) -> Result<Vec<Range<usize>>, 
 /// Number of changes of a sensor's value from which its own rate can be determined.
 const LEAST_CHANGES: usize = 8;
 
-/// For a sensor slower than its record, whose last value is repeated until the next: the index of the first
-/// change, and the number of samples between fresh values. `None` for any other sensor. NaN is no value.
-pub fn repeated_every(values: &[f64]) -> Option<(usize, usize)> {
-    let present: Vec<usize> = (0..values.len()).filter(|k| values[*k].is_finite()).collect();
-    let changed = present.windows(2).filter(|w| values[w[1]] != values[w[0]]);
-    let changes: Vec<usize> = changed.map(|w| w[1]).collect();
+/// For a sensor slower than its record, whose last value is repeated until the next: the step of the first change, and
+/// the number of steps between fresh values. `None` for any other sensor. NaN is no value. `steps` are those of the
+/// values, one each and increasing. A value that changed while samples are missing became fresh at an unknown step.
+pub fn repeated_every(steps: &[usize], values: &[f64]) -> Option<(usize, usize)> {
+    let present: Vec<(usize, f64)> =
+        steps.iter().copied().zip(values.iter().copied()).filter(|(_, v)| v.is_finite()).collect();
+    let usual = middle(present.windows(2).map(|w| w[1].0 - w[0].0))?;
+    let changed = present.windows(2).filter(|w| w[1].1 != w[0].1 && w[1].0 - w[0].0 <= usual);
+    let changes: Vec<usize> = changed.map(|w| w[1].0).collect();
     if changes.len() < LEAST_CHANGES || changes.len() * 2 > present.len() {
         return None;
     }
-    let mut gaps: Vec<usize> = changes.windows(2).map(|w| w[1] - w[0]).collect();
-    gaps.sort_unstable();
-    let every = gaps[gaps.len() / 2];
-    let regular = gaps.iter().filter(|gap| gap.is_multiple_of(every)).count();
-    (every > 1 && regular * 10 > gaps.len() * 9).then_some((changes[0], every))
+    let apart = || changes.windows(2).map(|w| w[1] - w[0]);
+    let every = middle(apart())?;
+    let regular = apart().filter(|gap| gap.is_multiple_of(every)).count();
+    (every > 1 && regular * 10 > changes.len() * 9 - 9).then_some((changes[0], every))
+}
+
+/// The upper median.
+fn middle(values: impl Iterator<Item = usize>) -> Option<usize> {
+    let mut values: Vec<usize> = values.collect();
+    values.sort_unstable();
+    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]
@@ -219,6 +228,20 @@ mod tests {
         assert_eq!(even_period(&gap), None);
         assert!((Record::new("x", rounded).unwrap().period().unwrap() - 0.001_638_4).abs() < 1e-7);
         assert!((Record::new("x", gap).unwrap().period().unwrap() - 0.001_6).abs() < 1e-9);
+    }
+
+    /// A receiver of a tenth of the rate of its record, from which rows are missing: what changed meanwhile is seen late.
+    #[test]
+    fn a_slow_sensor_is_known_through_gaps() {
+        let kept = |k: &usize| k % 98 < 78;
+        let value = |k: usize| (k / 10) as f64;
+        let steps: Vec<usize> = (0..6000).filter(kept).collect();
+        let rows: Vec<f64> = steps.iter().map(|k| value(*k)).collect();
+        assert_eq!(repeated_every(&steps, &rows), Some((10, 10)));
+        let all: Vec<usize> = (0..6000).collect();
+        let grid: Vec<f64> = all.iter().map(|k| if kept(k) { value(*k) } else { f64::NAN }).collect();
+        assert_eq!(repeated_every(&all, &grid), Some((10, 10)));
+        assert_eq!(repeated_every(&all, &all.iter().map(|k| *k as f64).collect::<Vec<_>>()), None);
     }
 
     #[test]

@@ -288,7 +288,8 @@ fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Chann
     gaps.sort_unstable();
     let mut stride = gaps.get(gaps.len() / 2).copied().unwrap_or(1);
     let mut first = first;
-    if let Some((start, every)) = repeated_every(&all) {
+    let steps: Vec<usize> = (0..all.len()).collect();
+    if let Some((start, every)) = repeated_every(&steps, &all) {
         (first, stride) = (start % every, every);
     }
     // A sensor that starts late has missing samples before.

@@ -90,7 +90,7 @@ fn bessel_i0(x: f64) -> f64 {
 /// samples are on the edge. Samples that are NaN are ignored, as are those that only repeat the last value of a
 /// slower sensor, which would delay the mean. NaN where no sample counts.
 pub fn averaged(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
-    let values = &fresh(values)[..];
+    let values = &fresh(time, values)[..];
     let own = median_interval(time).unwrap_or(clock.period);
     let reach = 0.5 * (clock.period + own);
     (0..clock.points)
@@ -112,15 +112,24 @@ pub fn averaged(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
 }
 
 /// The values of a slower sensor with repetitions of its last value replaced by NaN: values that change are kept,
-/// and those at whole multiples of its own period after a change.
-fn fresh(values: &[f64]) -> Cow<'_, [f64]> {
-    let Some((first, every)) = repeated_every(values) else { return Cow::Borrowed(values) };
+/// and those at whole multiples of its own period after a change. Where samples are missing, the times at which it measured
+/// go on.
+fn fresh<'v>(time: &[f64], values: &'v [f64]) -> Cow<'v, [f64]> {
+    let usual = median_interval(time).unwrap_or(1.0);
+    // Counted from sample to sample: a clock that jitters, or whose median step is not its mean one, counts each once.
+    let mut last = 0;
+    let mut after = |pair: &[f64]| {
+        last += (((pair[1] - pair[0]) / usual).round() as usize).max(1);
+        last
+    };
+    let steps: Vec<usize> = std::iter::once(0).chain(time.windows(2).map(&mut after)).collect();
+    let Some((first, every)) = repeated_every(&steps, values) else { return Cow::Borrowed(values) };
     let mut changed = first % every;
     let value = |k: usize| {
-        if k > 0 && values[k] != values[k - 1] {
-            changed = k;
+        if k > 0 && values[k] != values[k - 1] && steps[k] == steps[k - 1] + 1 {
+            changed = steps[k];
         }
-        if k.abs_diff(changed).is_multiple_of(every) { values[k] } else { f64::NAN }
+        if steps[k].abs_diff(changed).is_multiple_of(every) { values[k] } else { f64::NAN }
     };
     Cow::Owned((0..values.len()).map(value).collect())
 }
