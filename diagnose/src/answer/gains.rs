@@ -135,9 +135,9 @@ pub(crate) fn gains(baseline: &Baseline<'_>, residual: &Residual<'_>) -> Gains {
 fn first_part(data: &Data, cut: usize) -> Data {
     let mut training = data.clone();
     for channel in &mut training.channels {
-        for k in 0..channel.good.len() {
-            channel.good[k] &= channel.step(k) < cut;
-        }
+        let after = (0..channel.good.len()).find(|k| channel.step(*k) >= cut).unwrap_or(channel.good.len());
+        channel.good[after..].fill(false);
+        channel.early.retain(|k| *k < after);
     }
     training
 }

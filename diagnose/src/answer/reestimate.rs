@@ -50,7 +50,7 @@ fn by_likeliest_filter(model: &Model<'_, '_>, fit: &Fit) -> Option<Reestimated> 
     let other = Model { free_run: &runs, free: model.free, terms: Vec::new() };
     // From the given values: those of the long memory may be far away.
     let given = model.free.iter().map(|free| vehicle.free_value(&free.target));
-    let start = std::iter::repeat_n(0.0, runs.initials()).chain(given).collect();
+    let start = runs.start().into_iter().chain(given).collect();
     let found = other.fit(start, None, None).ok()?;
     let own = model.free_run.states();
     let states = found.values[..other.states()].chunks_exact(runs.states());

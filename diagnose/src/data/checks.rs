@@ -135,6 +135,7 @@ pub fn stuck(data: &mut Data, vehicle: &Vehicle) -> Vec<DataFinding> {
         let still: usize = runs.iter().map(|r| r.1 - r.0).sum();
         for (a, b) in &runs {
             channel.good[*a..*b].fill(false);
+            channel.early.retain(|k| !(*a..*b).contains(k));
         }
         let at = start_s + (channel.first + runs[0].0 * channel.stride) as f64 * period_s;
         let text = format!(

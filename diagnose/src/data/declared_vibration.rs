@@ -2,38 +2,45 @@
 
 use crate::thresholds::{DECLARED_AMPLITUDE_RATIO, DECLARED_FREQUENCY_LINES};
 use nalgebra::{Matrix2, Vector2};
+use std::ops::Range;
 use whirlstand_vehicle::{Engine, Vehicle};
 
 use crate::data::record::Data;
 
 /// Subtracts the declared vibrations from the measurements, with the phase and amplitude that the residual
-/// shows, up to the declared amplitude: a vibration beyond that stays in the data and is found.
+/// shows, up to the declared amplitude: a vibration beyond that stays in the data and is found. Each record has its own: in
+/// what is missing between two of them the phase went on by an unknown angle.
 pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) {
-    let (ranges, period_s, duration_s) = (data.ranges(), data.period_s, data.duration_s());
-    for (channel, range) in data.channels.iter_mut().zip(ranges) {
+    let (ranges, period_s) = (data.ranges(), data.period_s);
+    let parts: Vec<Vec<Range<usize>>> = data.channels.iter().map(|c| data.parts(c).collect()).collect();
+    for ((channel, range), parts) in data.channels.iter_mut().zip(ranges).zip(parts) {
         let Some(vibration) = &vehicle.outputs[channel.output].vibration else { continue };
         let size = vibration.amplitude(Engine::Flying);
-        let mut rest = residual[range].to_vec();
-        for (i, share) in vibration.harmonics.iter().enumerate() {
-            let declared = (share * size).abs();
-            if declared <= 0.0 {
-                continue;
-            }
-            let nominal = vibration.frequency_hz * (i + 1) as f64;
-            let at = |k: usize| (channel.first + k * channel.stride) as f64 * period_s;
-            let tones = (-4 * DECLARED_FREQUENCY_LINES..=4 * DECLARED_FREQUENCY_LINES).map(|line| {
-                let f = nominal + f64::from(line) * 0.25 / duration_s;
-                (f, tone(&rest, &channel.good, f, at))
-            });
-            let strongest = tones.max_by(|a, b| a.1.norm_squared().total_cmp(&b.1.norm_squared()));
-            let Some((f, weights)) = strongest else { continue };
-            let weights = weights
-                * (DECLARED_AMPLITUDE_RATIO * declared / weights.norm().max(f64::MIN_POSITIVE)).min(1.0);
-            for (k, (value, rest)) in channel.values.iter_mut().zip(&mut rest).enumerate() {
-                let (sine, cosine) = (std::f64::consts::TAU * f * at(k)).sin_cos();
-                let y = weights[0] * sine + weights[1] * cosine;
-                *value -= y;
-                *rest -= y;
+        let known = channel.known().into_owned();
+        for part in parts.into_iter().filter(|part| !part.is_empty()) {
+            let mut rest = residual[range.clone()][part.clone()].to_vec();
+            let at = |k: usize| (k * channel.stride) as f64 * period_s;
+            let duration_s = at(part.len());
+            for (i, share) in vibration.harmonics.iter().enumerate() {
+                let declared = (share * size).abs();
+                if declared <= 0.0 {
+                    continue;
+                }
+                let nominal = vibration.frequency_hz * (i + 1) as f64;
+                let tones = (-4 * DECLARED_FREQUENCY_LINES..=4 * DECLARED_FREQUENCY_LINES).map(|line| {
+                    let f = nominal + f64::from(line) * 0.25 / duration_s;
+                    (f, tone(&rest, &known[part.clone()], f, at))
+                });
+                let strongest = tones.max_by(|a, b| a.1.norm_squared().total_cmp(&b.1.norm_squared()));
+                let Some((f, weights)) = strongest else { continue };
+                let weights = weights
+                    * (DECLARED_AMPLITUDE_RATIO * declared / weights.norm().max(f64::MIN_POSITIVE)).min(1.0);
+                for (k, rest) in rest.iter_mut().enumerate() {
+                    let (sine, cosine) = (std::f64::consts::TAU * f * at(k)).sin_cos();
+                    let y = weights[0] * sine + weights[1] * cosine;
+                    channel.values[part.start + k] -= y;
+                    *rest -= y;
+                }
             }
         }
     }

@@ -21,6 +21,7 @@ pub fn flown(vehicle: &Vehicle, inputs: Vec<f64>, seed: u64) -> Data {
         stride: 1,
         first: 0,
         good: vec![true; steps],
+        early: Vec::new(),
         declared: 0.0,
         values,
     };

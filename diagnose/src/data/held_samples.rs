@@ -199,7 +199,15 @@ mod tests {
     }
 
     fn of_values(values: Vec<f64>) -> Channel {
-        Channel { output: 0, stride: 1, first: 0, good: vec![true; values.len()], values, declared: 0.0 }
+        Channel {
+            output: 0,
+            stride: 1,
+            first: 0,
+            good: vec![true; values.len()],
+            values,
+            early: Vec::new(),
+            declared: 0.0,
+        }
     }
 
     #[test]

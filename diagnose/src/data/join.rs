@@ -56,7 +56,23 @@ impl Data {
             let (origin, steps) = (whole.origin, whole.steps);
             return Err(DiagnoseError::TooShort { origin, steps, least: MIN_STEPS });
         }
+        whole.begin_anew();
         Ok(whole)
+    }
+
+    /// Marks the first samples of every record after the first as early: a noise model must not take one record for the past
+    /// of the next.
+    fn begin_anew(&mut self) {
+        for channel in &mut self.channels {
+            let begins: Vec<usize> = channel.begins(&self.starts).skip(1).collect();
+            for from in begins {
+                for k in from..(from + MAX_AR_ORDER).min(channel.good.len()) {
+                    if std::mem::take(&mut channel.good[k]) {
+                        channel.early.push(k);
+                    }
+                }
+            }
+        }
     }
 
     /// Appends another record, without as many of its first steps as align most sensors with their sampling
@@ -89,9 +105,6 @@ impl Data {
             own.good.resize(from, false);
             own.values.extend(theirs.values);
             own.good.extend(theirs.good.into_iter().map(|good| good && aligned));
-            // A noise model must not take one record for the past of the next.
-            let until = (from + MAX_AR_ORDER).min(own.good.len());
-            own.good[from..until].fill(false);
         }
         self.inputs.extend(other.inputs);
         self.steps += other.steps;

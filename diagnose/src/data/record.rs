@@ -26,6 +26,10 @@ pub struct Channel {
     pub values: Vec<f64>,
     /// True for samples that count: measured, and not excluded as held, clipped or an outlier.
     pub good: Vec<bool>,
+    /// Measured samples at the beginnings of records after the first, in their order. They have no past from which noise
+    /// could be predicted: likelihoods leave them out, as they leave out the first samples of all, but initial states are
+    /// fitted to them, and filters corrected by them.
+    pub early: Vec<usize>,
     /// Standard deviation of the noise that the vehicle file declares, SI; 0 where it declares none.
     pub declared: f64,
 }
@@ -44,7 +48,24 @@ impl Channel {
     /// The measured value at a step, if a valid sample lies there.
     pub fn measured_at(&self, step: usize) -> Option<f64> {
         let sample = self.sample_at(step)?;
-        (*self.good.get(sample)?).then(|| self.values[sample])
+        (*self.good.get(sample)? || self.early.binary_search(&sample).is_ok()).then(|| self.values[sample])
+    }
+
+    /// True for samples that count, and for early ones.
+    pub fn known(&self) -> Cow<'_, [bool]> {
+        let mut known = Cow::Borrowed(&self.good[..]);
+        if !self.early.is_empty() {
+            let known = known.to_mut();
+            self.early.iter().for_each(|k| known[*k] = true);
+        }
+        known
+    }
+
+    /// First samples of the records that begin at the given steps.
+    pub fn begins<'s>(&'s self, starts: &'s [usize]) -> impl Iterator<Item = usize> + 's {
+        starts
+            .iter()
+            .map(|start| start.saturating_sub(self.first).div_ceil(self.stride).min(self.values.len()))
     }
 
     /// The step of a sample.
@@ -246,6 +267,14 @@ impl Data {
             .collect()
     }
 
+    /// Ranges of a channel's samples, one for each record.
+    pub fn parts(&self, channel: &Channel) -> impl Iterator<Item = std::ops::Range<usize>> {
+        let mut begins: Vec<usize> = channel.begins(&self.starts).collect();
+        begins[0] = 0;
+        begins.push(channel.values.len());
+        (1..begins.len()).map(move |i| begins[i - 1]..begins[i])
+    }
+
     /// Measured values of all channels, channel after channel.
     pub fn measured(&self) -> Vec<f64> {
         self.channels.iter().flat_map(|c| c.values.iter().copied()).collect()
@@ -264,7 +293,7 @@ impl Data {
     pub fn fill(&self, samples: &mut [f64]) {
         for (channel, range) in self.channels.iter().zip(self.ranges()) {
             if channel.good.contains(&false) {
-                fill(&mut samples[range], &channel.good);
+                fill(&mut samples[range], &channel.known());
             }
         }
     }
@@ -296,7 +325,7 @@ fn channel(segment: &Segment, i: usize, p: usize, declared: f64) -> Option<Chann
     first %= stride;
     let values: Vec<f64> = all.iter().skip(first).step_by(stride).copied().collect();
     let good = values.iter().map(|v| v.is_finite()).collect();
-    Some(Channel { output: i, stride, first, values, good, declared })
+    Some(Channel { output: i, stride, first, values, good, early: Vec::new(), declared })
 }
 
 fn fill(values: &mut [f64], good: &[bool]) {

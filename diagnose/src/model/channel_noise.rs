@@ -24,18 +24,23 @@ impl ChannelNoise {
         Self::Coloured(Ar::white(variance))
     }
 
-    /// Fits coloured noise to a residual, or a wander where it `may_wander` and is more likely, by BIC over the rows that
-    /// have a past.
-    pub fn fit(residual: &[f64], may_wander: bool) -> Self {
-        let free = Ar::fit(&[residual], MAX_AR_ORDER);
-        let wander = if may_wander { Wander::fit(residual) } else { None };
+    /// Fits coloured noise to the runs of a residual, or a wander where it `may_wander` and is more likely, by BIC over the
+    /// rows that have a past.
+    pub fn fit(runs: &[&[f64]], may_wander: bool) -> Self {
+        let free = Ar::fit(runs, MAX_AR_ORDER);
+        let wander = if may_wander { Wander::fit(runs) } else { None };
         let Some(wander) = wander else { return Self::Coloured(free) };
-        let rows = (residual.len() - MAX_AR_ORDER) as f64;
+        let rows: usize = runs.iter().map(|run| run.len().saturating_sub(MAX_AR_ORDER)).sum();
+        let rows = rows as f64;
         let bic = |variance: f64, parameters: usize| rows * variance.ln() + parameters as f64 * rows.ln();
-        let mut white = vec![0.0; residual.len()];
-        free.filter(residual, &mut white);
-        let variance = white[MAX_AR_ORDER..].iter().map(|e| e * e).sum::<f64>() / rows;
-        if bic(wander.variance, Wander::PARAMETERS) + wander.log_det() < bic(variance, free.order()) {
+        let square = |run: &&[f64]| {
+            let mut white = vec![0.0; run.len()];
+            free.filter(run, &mut white);
+            white.iter().skip(MAX_AR_ORDER).map(|e| e * e).sum::<f64>()
+        };
+        let variance = runs.iter().map(square).sum::<f64>() / rows;
+        let log_det: f64 = runs.iter().map(|run| wander.log_det(run.len())).sum();
+        if bic(wander.variance, Wander::PARAMETERS) + log_det < bic(variance, free.order()) {
             Self::Wandering(wander)
         } else {
             Self::Coloured(free)
@@ -71,11 +76,12 @@ impl ChannelNoise {
         matches!(self, Self::Coloured(ar) if ar.order() == 0)
     }
 
-    /// Logarithm of the determinant of the innovations that a likelihood counts, beyond settled ones.
-    pub fn log_det(&self) -> f64 {
+    /// Logarithm of the determinant of the innovations that a likelihood counts of a run of so many values, beyond settled
+    /// ones.
+    pub fn log_det(&self, values: usize) -> f64 {
         match self {
             Self::Coloured(_) => 0.0,
-            Self::Wandering(wander) => wander.log_det(),
+            Self::Wandering(wander) => wander.log_det(values),
         }
     }
 
@@ -162,13 +168,17 @@ pub(super) mod tests {
     #[test]
     fn a_wander_of_the_size_of_the_noise_is_told_and_has_its_power() {
         for f in [1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.4] {
-            let error = density_error(|values| ChannelNoise::fit(values, true), f);
+            let error = density_error(|values| ChannelNoise::fit(&[values], true), f);
             assert!(error.abs() < 0.4, "{f}: {error}");
         }
         // Free coefficients, each at its price, spread that power over ten times its band.
-        assert!(density_error(|values| ChannelNoise::fit(values, false), 1e-2) > 0.8);
+        assert!(density_error(|values| ChannelNoise::fit(&[values], false), 1e-2) > 0.8);
         let white = noise(3, 0.0, 250.0, 1000);
-        assert_eq!(ChannelNoise::fit(&white, true), ChannelNoise::fit(&white, false), "nothing wanders");
+        assert_eq!(
+            ChannelNoise::fit(&[&white], true),
+            ChannelNoise::fit(&[&white], false),
+            "nothing wanders"
+        );
     }
 
     /// Twice the gain in log-likelihood of an offset, which a wandering zero must not seem to have.
@@ -179,11 +189,11 @@ pub(super) mod tests {
             let values = noise(seed, 1.0, 500.0, steps);
             let mut lowest = f64::INFINITY;
             let cost = |values: &[f64]| {
-                let noise = ChannelNoise::fit(values, true);
+                let noise = ChannelNoise::fit(&[values], true);
                 let mut white = vec![0.0; steps];
                 noise.filter(values, &mut white);
                 let sum: f64 = white[MAX_AR_ORDER..].iter().map(|e| e * e).sum();
-                (steps - MAX_AR_ORDER) as f64 * sum.ln() + noise.log_det()
+                (steps - MAX_AR_ORDER) as f64 * sum.ln() + noise.log_det(steps)
             };
             let offsets = (-60..=60).map(|i| 0.05 * f64::from(i));
             for offset in offsets {

@@ -28,24 +28,24 @@ fn blocks(rows: usize) -> impl Iterator<Item = Range<usize>> {
     (0..rows).step_by(BLOCK_ROWS).map(move |from| from..(from + BLOCK_ROWS).min(rows))
 }
 
-/// Columns as long as a record, with the blocks in which each is other than zero: those of an initial state are zero outside
-/// its part of the record, and in the channels that it does not affect.
+/// Columns as long as a record, with the rows of each block outside which it is zero: those of an initial state are zero
+/// outside its part of the record, and in the channels that it does not affect.
 #[derive(Debug, Clone, Default)]
 pub struct Sparse {
     columns: Vec<Vec<f64>>,
-    occupied: Vec<Vec<bool>>,
+    filled: Vec<Vec<Range<usize>>>,
 }
 
 impl Sparse {
     /// The given columns, all of one length.
     pub fn new(columns: Vec<Vec<f64>>) -> Self {
-        let occupied = columns.iter().map(|column| occupied(column)).collect();
-        Self { columns, occupied }
+        let filled = columns.iter().map(|column| filled(column)).collect();
+        Self { columns, filled }
     }
 
     /// Adds a column.
     pub fn push(&mut self, column: Vec<f64>) {
-        self.occupied.push(occupied(&column));
+        self.filled.push(filled(&column));
         self.columns.push(column);
     }
 
@@ -58,10 +58,9 @@ impl Sparse {
     pub fn dots(&self, with: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.columns.len()];
         // A sensor's effect changes one channel of many.
-        let occupied = occupied(with);
-        for (block, rows) in blocks(with.len()).enumerate().filter(|(block, _)| occupied[*block]) {
-            for (i, column) in self.filled(block, &rows) {
-                sums[i] += dot(column, &with[rows.clone()]);
+        for (block, rows) in filled(with).into_iter().enumerate().filter(|(_, rows)| !rows.is_empty()) {
+            for (i, column, own) in self.within(block) {
+                sums[i] += dot_of((column, own), (with, &rows));
             }
         }
         sums
@@ -71,10 +70,12 @@ impl Sparse {
     pub fn products(&self) -> DMatrix<f64> {
         let n = self.columns.len();
         let mut products = DMatrix::zeros(n, n);
-        for (block, rows) in blocks(self.rows()).enumerate() {
-            let here: Vec<(usize, &[f64])> = self.filled(block, &rows).collect();
-            for (at, (i, a)) in here.iter().enumerate() {
-                here[..=at].iter().for_each(|(j, b)| products[(*i, *j)] += dot(a, b));
+        for block in 0..self.blocks() {
+            let here: Vec<_> = self.within(block).collect();
+            for (at, (i, a, rows)) in here.iter().enumerate() {
+                here[..=at].iter().for_each(|(j, b, other)| {
+                    products[(*i, *j)] += dot_of((a, rows), (b, other));
+                });
             }
         }
         products.fill_upper_triangle_with_lower_triangle();
@@ -84,9 +85,11 @@ impl Sparse {
     /// Inner products with other columns: one row for each of these here, one column for each of those.
     pub fn products_with(&self, others: &Self) -> DMatrix<f64> {
         let mut products = DMatrix::zeros(self.columns.len(), others.columns.len());
-        for (block, rows) in blocks(self.rows()).enumerate() {
-            for (i, a) in self.filled(block, &rows) {
-                others.filled(block, &rows).for_each(|(j, b)| products[(i, j)] += dot(a, b));
+        for block in 0..self.blocks() {
+            for (i, a, rows) in self.within(block) {
+                others.within(block).for_each(|(j, b, other)| {
+                    products[(i, j)] += dot_of((a, rows), (b, other));
+                });
             }
         }
         products
@@ -94,29 +97,41 @@ impl Sparse {
 
     /// Subtracts the columns from another, each times its own factor.
     pub fn subtract_from(&self, from: &mut [f64], by: &[f64]) {
-        for (block, rows) in blocks(from.len()).enumerate() {
-            for (i, column) in self.filled(block, &rows) {
-                subtract(&mut from[rows.clone()], by[i], column);
+        for block in 0..self.blocks() {
+            for (i, column, rows) in self.within(block) {
+                subtract(&mut from[rows.clone()], by[i], &column[rows.clone()]);
             }
         }
     }
 
-    fn rows(&self) -> usize {
-        self.columns.first().map_or(0, Vec::len)
+    fn blocks(&self) -> usize {
+        self.filled.first().map_or(0, Vec::len)
     }
 
-    /// The rows of a block of the columns that are other than zero there, with their indices.
-    fn filled(&self, block: usize, rows: &Range<usize>) -> impl Iterator<Item = (usize, &[f64])> {
-        let rows = rows.clone();
-        let all = self.columns.iter().zip(&self.occupied).enumerate();
-        all.filter(move |(_, (_, occupied))| occupied[block])
-            .map(move |(i, (column, _))| (i, &column[rows.clone()]))
+    /// The columns that are other than zero in a block, with their indices and their rows there.
+    fn within(&self, block: usize) -> impl Iterator<Item = (usize, &[f64], &Range<usize>)> {
+        let all = self.columns.iter().zip(&self.filled).enumerate();
+        all.map(move |(i, (column, filled))| (i, &column[..], &filled[block])).filter(|own| !own.2.is_empty())
     }
 }
 
-/// For each block of a column whether it has anything other than zero.
-fn occupied(column: &[f64]) -> Vec<bool> {
-    blocks(column.len()).map(|rows| column[rows].iter().any(|v| *v != 0.0)).collect()
+/// For each block of a column the rows outside which it is zero there, in whole groups of independent sums: a product over
+/// them is that over the block to the last bit.
+fn filled(column: &[f64]) -> Vec<Range<usize>> {
+    let of_block = |rows: Range<usize>| {
+        let values = &column[rows.clone()];
+        let Some(first) = values.iter().position(|v| *v != 0.0) else { return rows.start..rows.start };
+        let last = values.iter().rposition(|v| *v != 0.0).unwrap_or(first);
+        let end = (last + 1).next_multiple_of(SUMS).min(values.len());
+        rows.start + first / SUMS * SUMS..rows.start + end
+    };
+    blocks(column.len()).map(of_block).collect()
+}
+
+/// Inner product of two columns over the rows of a block in which both are other than zero.
+fn dot_of((a, rows): (&[f64], &Range<usize>), (b, other): (&[f64], &Range<usize>)) -> f64 {
+    let both = rows.start.max(other.start)..rows.end.min(other.end);
+    if both.is_empty() { 0.0 } else { dot(&a[both.clone()], &b[both]) }
 }
 
 /// Subtracts several columns from another, each times its own factor.
@@ -134,14 +149,17 @@ fn subtract(a: &mut [f64], c: f64, b: &[f64]) {
     a.iter_mut().zip(b).for_each(|(a, b)| *a -= c * b);
 }
 
-/// Sum of products, in sixteen independent sums.
+/// Number of independent sums of an inner product.
+const SUMS: usize = 16;
+
+/// Sum of products, in [`SUMS`] independent sums.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512vl", "x86_64+avx2"))]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 16];
-    let ((a16, a_rest), (b16, b_rest)) = (a.as_chunks::<16>(), b.as_chunks::<16>());
+    let mut sums = [0.0; SUMS];
+    let ((a16, a_rest), (b16, b_rest)) = (a.as_chunks::<SUMS>(), b.as_chunks::<SUMS>());
     let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
     for (x, y) in a16.iter().zip(b16) {
-        for i in 0..16 {
+        for i in 0..SUMS {
             sums[i] += x[i] * y[i];
         }
     }

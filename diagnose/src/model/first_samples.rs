@@ -8,6 +8,13 @@ use crate::model::free_run::FreeRun;
 use crate::thresholds::MAX_AR_ORDER;
 
 impl FreeRun<'_> {
+    /// Initial states from which a fit starts: at rest in the first record, and in the others as their first samples show.
+    /// A part after a gap begins anywhere. From rest, the first noise model would be that of an offset, which explains any
+    /// offset, so that the fit would stay there.
+    pub fn start(&self) -> Vec<f64> {
+        self.begun(&self.vehicle, &vec![0.0; self.initials()], 1)
+    }
+
     /// Initial states of all records; of each that begins at step `from` or later, the smallest with which its first samples
     /// agree. A filter that follows a record from elsewhere, as from a heading of zero, is wrong for many times its memory,
     /// and no fit finds the initial states of a record that it does not count.

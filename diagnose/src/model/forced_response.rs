@@ -82,7 +82,15 @@ mod tests {
         let channel = |output: usize| {
             let stride = if output == 1 { 3 } else { 1 };
             let values: Vec<f64> = (0..steps / stride).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
-            Channel { output, stride, first: 0, good: vec![true; values.len()], values, declared: 0.0 }
+            Channel {
+                output,
+                stride,
+                first: 0,
+                good: vec![true; values.len()],
+                values,
+                early: Vec::new(),
+                declared: 0.0,
+            }
         };
         let data = Data {
             origin: "none".into(),

@@ -1,11 +1,14 @@
 //! Noise of a record: one model per channel, which whitens residuals and signatures.
 
 use crate::thresholds::{DECLARED_NOISE_LOG_STD, MAX_AR_ORDER};
+use std::ops::Range;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use whirlstand_ident::identify::ar::Ar;
+
+use whirlstand_logs::stats::rms;
 
 use crate::data::record::{Channel, Data};
 use crate::model::channel_noise::ChannelNoise;
@@ -75,9 +78,16 @@ impl Noise {
         let ranges = data.ranges();
         let models = over_channels(data, |c| {
             let (channel, r) = (&data.channels[c], &residual[ranges[c].clone()]);
-            let noise = ChannelNoise::fit(r, may_wander(channel));
+            let parts: Vec<Range<usize>> = data.parts(channel).collect();
+            // Where a record begins after a gap, and its states are known least, the first errors are no noise.
+            let settled = |part: &Range<usize>| {
+                let from = if part.start == 0 { 0 } else { part.start + MAX_AR_ORDER };
+                (from < part.end).then(|| &r[from..part.end])
+            };
+            let runs: Vec<&[f64]> = parts.iter().filter_map(settled).collect();
+            let noise = ChannelNoise::fit(&runs, may_wander(channel));
             let mut white = vec![0.0; r.len()];
-            noise.filter(r, &mut white);
+            parts.iter().for_each(|part| noise.filter(&r[part.clone()], &mut white[part.clone()]));
             let (mut sum, mut power, mut rows) = (0.0, 0.0, 0usize);
             for ((e, r), _) in
                 white.iter().zip(r).zip(&channel.good).skip(MAX_AR_ORDER).filter(|(_, good)| **good)
@@ -88,7 +98,15 @@ impl Noise {
             }
             let variance = (sum / rows.max(1) as f64).max(f64::MIN_POSITIVE);
             let total = (power / rows.max(1) as f64).sqrt().max(variance.sqrt());
-            (noise.with_variance(variance), total, rows)
+            if rows == 0 {
+                // Every sample is early: white noise of the size of what they leave.
+                let known: Vec<f64> =
+                    r.iter().zip(&*channel.known()).filter(|(_, k)| **k).map(|(r, _)| *r).collect();
+                let total = rms(&known);
+                return (ChannelNoise::white(total * total), total, rows, 0.0);
+            }
+            let log_det = parts.iter().map(|part| noise.log_det(part.len())).sum::<f64>();
+            (noise.with_variance(variance), total, rows, log_det)
         });
         let mut profile = Profile {
             noise: Self { channels: Vec::new(), total: Vec::new(), common: None, given: false },
@@ -96,8 +114,8 @@ impl Noise {
             rows: 0,
             parameters: 0,
         };
-        for (channel, (noise, total, rows)) in data.channels.iter().zip(models) {
-            profile.log_likelihood -= 0.5 * (rows as f64 * (noise.variance().ln() + 1.0) + noise.log_det());
+        for (channel, (noise, total, rows, log_det)) in data.channels.iter().zip(models) {
+            profile.log_likelihood -= 0.5 * (rows as f64 * (noise.variance().ln() + 1.0) + log_det);
             profile.rows += rows;
             profile.parameters += noise.parameters() + 1;
             if is_declared(data, channel) {
@@ -143,8 +161,8 @@ impl Noise {
     }
 
     /// Whitened and normalised `samples`; 0 in rows that do not count. First rows that have no past to
-    /// be predicted from are divided by the noise's total standard deviation: likelihoods leave them out,
-    /// but fast modes of the initial state show nowhere else.
+    /// be predicted from, here and where a further record begins, are divided by the noise's total standard deviation:
+    /// likelihoods leave them out, but fast modes of the initial state show nowhere else.
     pub fn whiten(&self, data: &Data, samples: &[f64]) -> Vec<f64> {
         let ranges = data.ranges();
         if let Some(common) = &self.common {
@@ -155,13 +173,20 @@ impl Noise {
             let (channel, range) = (&data.channels[c], ranges[c].clone());
             let (noise, total, raw) = (&self.channels[c], self.total[c], &samples[range]);
             let Some(support) = support(raw) else { return };
-            noise.filter_within(support, raw, white);
+            for part in data.parts(channel) {
+                let within = support.start.max(part.start)..support.end.min(part.end);
+                if within.start < within.end {
+                    let within = within.start - part.start..within.end - part.start;
+                    noise.filter_within(within, &raw[part.clone()], &mut white[part]);
+                }
+            }
             let over = |std: f64| if std > 0.0 { 1.0 / std } else { 0.0 };
             let (scale, early) = (over(noise.variance().sqrt()), over(total));
             let first = white.len().min(noise.unpredicted());
             white[first..].iter_mut().for_each(|e| *e *= scale);
             white[..first].iter_mut().zip(raw).for_each(|(e, raw)| *e = raw * early);
             white.iter_mut().zip(&channel.good).filter(|(_, good)| !**good).for_each(|(e, _)| *e = 0.0);
+            channel.early.iter().for_each(|k| white[*k] = raw[*k] * early);
         };
         let parts = parts(&ranges, &mut out).into_iter().enumerate();
         if data.is_long() {
@@ -184,6 +209,7 @@ impl Noise {
                     white[at] = raw[at] * early;
                 }
             }
+            channel.early.iter().for_each(|k| white[range.start + k] = raw[range.start + k] * early);
         }
         white
     }
@@ -208,12 +234,12 @@ impl Noise {
         let range = data.ranges()[channel].clone();
         let good = &data.channels[channel].good;
         let kept: Vec<f64> = residual[range].iter().zip(good).filter(|(_, g)| **g).map(|(r, _)| *r).collect();
-        whirlstand_logs::stats::rms(&kept)
+        rms(&kept)
     }
 }
 
 /// The shortest range outside which all values are zero; none where all are.
-fn support(values: &[f64]) -> Option<std::ops::Range<usize>> {
+fn support(values: &[f64]) -> Option<Range<usize>> {
     let first = values.iter().position(|v| *v != 0.0)?;
     let last = values.iter().rposition(|v| *v != 0.0)?;
     Some(first..last + 1)
@@ -232,7 +258,7 @@ fn over_channels<T: Send>(data: &Data, of: impl Fn(usize) -> T + Sync + Send) ->
 }
 
 /// The parts of a vector of all samples, one per channel.
-fn parts<'s>(ranges: &[std::ops::Range<usize>], mut samples: &'s mut [f64]) -> Vec<&'s mut [f64]> {
+fn parts<'s>(ranges: &[Range<usize>], mut samples: &'s mut [f64]) -> Vec<&'s mut [f64]> {
     let mut parts = Vec::with_capacity(ranges.len());
     for range in ranges {
         let (part, rest) = samples.split_at_mut(range.len());

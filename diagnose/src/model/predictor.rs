@@ -67,8 +67,7 @@ fn weigh(vehicle: &Vehicle, data: &Data, memory_s: Option<f64>, noise: Option<&N
     let data = Data { memory_s, ..data.clone() };
     let free_run = FreeRun::new(vehicle, &data);
     let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
-    let start = vec![0.0; free_run.initials()];
-    let fit = model.optimum(start, noise, None, Effort::Full).ok()?;
+    let fit = model.optimum(free_run.start(), noise, None, Effort::Full).ok()?;
     Some(Likelihood { bic: fit.profile.bic(usize::from(memory_s.is_some())), rows: fit.profile.rows })
 }
 

@@ -66,7 +66,7 @@ impl StateFilter {
         let data = follow(data);
         let runs = self.runs(vehicle, &data)?;
         let model = Model { free_run: &runs, free: &[], terms: Vec::new() };
-        let fit = model.optimum(vec![0.0; runs.initials()], None, None, Effort::Full).ok()?;
+        let fit = model.optimum(runs.start(), None, None, Effort::Full).ok()?;
         Some(Likelihood { bic: fit.profile.bic(0), rows: fit.profile.rows })
     }
 }

@@ -102,6 +102,7 @@ mod tests {
                 first: 0,
                 values: (0..steps).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect(),
                 good: vec![true; steps],
+                early: Vec::new(),
                 declared: 0.0,
             })
             .collect();

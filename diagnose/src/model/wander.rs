@@ -65,6 +65,14 @@ impl Bank {
         }
         Self { decay, ratio, gain, certainty, settled, log_det }
     }
+
+    /// As `log_det`, of a run of so many values.
+    fn log_det_of(&self, member: usize, values: usize) -> f64 {
+        if values >= WANDER_START_STEPS {
+            return self.log_det[member];
+        }
+        self.certainty[..values].iter().skip(MAX_AR_ORDER).map(|of| -of[member].ln()).sum()
+    }
 }
 
 /// Noise of a sensor whose zero wanders.
@@ -81,14 +89,23 @@ impl Wander {
     pub const PARAMETERS: usize = 2;
 
     /// The size and time constant that make a residual most likely, by the rows that every noise model is judged by.
-    pub fn fit(residual: &[f64]) -> Option<Self> {
+    pub fn fit(runs: &[&[f64]]) -> Option<Self> {
         // As many values as free coefficients of the highest order need.
-        if residual.len() < 10 * MAX_AR_ORDER {
+        if runs.iter().map(|run| run.len()).sum::<usize>() < 10 * MAX_AR_ORDER {
             return None;
         }
-        let rows = (residual.len() - MAX_AR_ORDER) as f64;
-        let squares = squares(&BANK, residual);
-        let cost = |i: &usize| rows * squares[*i].ln() + BANK.log_det[*i];
+        let rows: usize = runs.iter().map(|run| run.len().saturating_sub(MAX_AR_ORDER)).sum();
+        let rows = rows as f64;
+        let (mut all, mut log_det) = ([0.0; MEMBERS], [0.0; MEMBERS]);
+        for run in runs {
+            all.iter_mut().zip(squares(&BANK, run)).for_each(|(sum, own)| *sum += own);
+            log_det
+                .iter_mut()
+                .enumerate()
+                .for_each(|(member, sum)| *sum += BANK.log_det_of(member, run.len()));
+        }
+        let squares = all;
+        let cost = |i: &usize| rows * squares[*i].ln() + log_det[*i];
         let member = (0..MEMBERS).min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
         let variance = squares[member] / rows;
         (variance > 0.0).then_some(Self { member, variance })
@@ -99,9 +116,10 @@ impl Wander {
         Self { variance, ..self }
     }
 
-    /// Logarithm of the determinant of the first innovations that a likelihood counts, beyond settled ones.
-    pub fn log_det(&self) -> f64 {
-        BANK.log_det[self.member]
+    /// Logarithm of the determinant of the first innovations that a likelihood counts of a run of so many values, beyond
+    /// settled ones.
+    pub fn log_det(&self, values: usize) -> f64 {
+        BANK.log_det_of(self.member, values)
     }
 
     /// Innovations of a run of residuals, scaled to the variance of settled ones.

@@ -90,7 +90,7 @@ mod tests {
 
     fn channel(samples: usize) -> Channel {
         let (values, good) = (vec![0.0; samples], vec![true; samples]);
-        Channel { output: 0, stride: 1, first: 0, values, good, declared: 0.01 }
+        Channel { output: 0, stride: 1, first: 0, values, good, early: Vec::new(), declared: 0.01 }
     }
 
     /// Gusts and drifts are no noise, however large; noise beside them is found with its size.

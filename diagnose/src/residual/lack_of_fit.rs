@@ -162,7 +162,11 @@ impl Columns<'_> {
     /// The samples of each column that lie in `parts`.
     fn over(&self, parts: &[&Range<usize>]) -> Vec<(Of, Vec<f64>)> {
         let counted = |samples: &[f64]| -> Vec<f64> {
-            let white = self.score_test.signature(samples);
+            let mut white = self.score_test.signature(samples);
+            let data = self.score_test.data();
+            for (channel, range) in data.channels.iter().zip(data.ranges()) {
+                channel.early.iter().for_each(|k| white[range.start + k] = 0.0);
+            }
             parts.iter().flat_map(|part| &white[(*part).clone()]).copied().collect()
         };
         let mut columns: Vec<(Of, Vec<f64>)> = Vec::new();

@@ -50,7 +50,8 @@ pub fn stranger(
     Ok(resemblance::stranger(&open, &modes.collect::<Vec<_>>(), &data))
 }
 
-/// The records with commands as recorded, whatever the limits, with at most the given number of steps.
+/// The records with commands as recorded, whatever the limits, with at most the given number of steps; with their own where
+/// the parts between gaps are too short for longer steps.
 fn screened(
     records: &[Record],
     vehicle: &Vehicle,
@@ -58,5 +59,9 @@ fn screened(
     most: f64,
 ) -> Result<Data, DiagnoseError> {
     let coarser = coarser_period_for(records, period_s, most);
-    Data::join(records, &without_limits(vehicle), coarser.or(period_s))
+    let open = without_limits(vehicle);
+    match Data::join(records, &open, coarser.or(period_s)) {
+        Err(DiagnoseError::TooShort { .. }) if coarser.is_some() => Data::join(records, &open, period_s),
+        joined => joined,
+    }
 }

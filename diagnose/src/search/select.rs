@@ -27,7 +27,7 @@ pub fn select<'r, 'd>(
     noise: Option<&Noise>,
     begin: &[(Candidate, Vec<f64>)],
 ) -> Result<Selection<'r, 'd>, ModelError> {
-    let mut start = vec![0.0; model.states()];
+    let mut start = model.free_run.start();
     start.extend(model.free.iter().map(|f| model.free_run.vehicle.free_value(&f.target)));
     let null = model.fit(start.clone(), noise, None)?;
     let mut fit = null.clone();

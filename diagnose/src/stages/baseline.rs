@@ -87,12 +87,11 @@ impl<'a> Baseline<'a> {
         Model { free_run, free: &self.free, terms: Vec::new() }
     }
 
-    /// Parameter values without any cause: states at rest, free parameters as the vehicle has them.
+    /// Parameter values without any cause: states as of [`FreeRun::start`], free parameters as the vehicle has them.
     pub fn start(&self) -> Vec<f64> {
         let vehicle = self.vehicle();
-        let states = vehicle.states.len() * self.data().starts.len();
         let values = self.free.iter().map(|f| vehicle.free_value(&f.target));
-        std::iter::repeat_n(0.0, states).chain(values).collect()
+        FreeRun::new(vehicle, self.data()).start().into_iter().chain(values).collect()
     }
 }
 
@@ -100,7 +99,7 @@ impl<'a> Baseline<'a> {
 fn first_fit(checked: &mut Checked<'_>) -> Result<Fit, ModelError> {
     let free_run = FreeRun::new(checked.loaded.vehicle, &checked.data);
     let model = Model { free_run: &free_run, free: &[], terms: Vec::new() };
-    let fit = model.fit(vec![0.0; free_run.initials()], None, None)?;
+    let fit = model.fit(free_run.start(), None, None)?;
     // With wrong units, signs or sizes, other checks of the channels are meaningless.
     if checked.found.iter().any(|f| ["unit", "sign", "size"].contains(&f.kind.as_str())) {
         return Ok(fit);

@@ -5,6 +5,7 @@ mod diagnose;
 mod diagnose_alike;
 mod diagnose_together;
 mod flight_records;
+mod gaps;
 mod hover;
 mod random_force;
 mod screen;

@@ -2,31 +2,155 @@
 
 use std::f64::consts::PI;
 
-use whirlstand_logs::stats::{mean, rms};
+use nalgebra::DMatrix;
+use whirlstand_logs::stats::{mean, rms, white_noise_std};
 use whirlstand_logs::{LONGEST_BRIDGED, Record, gaps, median_interval};
-use whirlstand_vehicle::Vehicle;
+use whirlstand_vehicle::{Vehicle, discretise, finite_horizon_gramian};
 
-/// Share of the fastest time constant for which commands may be unknown: their response meanwhile is at most
-/// that share of the final response.
-const BRIDGED_TIME_CONSTANT_SHARE: f64 = 0.1;
-/// Share of the record for which the commands of an integrating vehicle may be unknown. Calibrated.
-const BRIDGED_RECORD_SHARE: f64 = 0.01;
+/// Gaps of one length that are tried, evenly spread over the record.
+const TRIED_GAPS: usize = 200;
+/// Steps for each sample of a record beyond which most of it is missing, and no gap in it is bridged.
+const MOST_STEPS_PER_SAMPLE: f64 = 10.0;
 
 /// The longest gap through which a prediction may continue, s. Missing samples cost nothing but their own
-/// information (a filter predicts through them), as long as the commands in the gap are known well enough.
-/// Commands are known where they change so slowly that their neighbours determine them: samples half a period
-/// of the input's band apart do (Shannon 1949), the band by the frequency with which the input crosses its
-/// mean (Rice 1944). Commands matter little where the vehicle is slow: in a tenth of its fastest time
-/// constant a command moves it by at most a tenth of its final response. An integrator has no such time: for
-/// it a hundredth of the record.
+/// information (a filter predicts through them), as long as the commands in the gap are known well enough. How well a
+/// straight line tells them, the rest of the record shows: where it has commands, the line between the ends of a gap
+/// misses them by so much, and the error of the vehicle's outputs that follows, in units of their noise and summed over all
+/// samples after the gap, is what the prediction would be wrong by on purpose. A line is too slow at every gap, so that the
+/// errors of all gaps add up to one effect. The prediction continues while all of them together cost no more than a cut at
+/// one of them, which estimates a new initial state: one such unit for each state (Akaike 1974).
+///
+/// A vehicle without a response, of which nothing is known yet, continues as long as the neighbours of a gap determine the
+/// commands in it at all, half a period of their band apart (Shannon 1949), the band by the frequency with which they cross
+/// their mean (Rice 1944).
 pub fn bridged_s(record: &Record, vehicle: &Vehicle, period_s: f64) -> f64 {
-    let inputs = vehicle.inputs.iter().filter_map(|i| record.get(&i.name));
-    let half_period = inputs.map(|signal| half_period_s(&record.time, &signal.values));
-    let half_period = half_period.fold(f64::INFINITY, f64::min);
-    let fastest = vehicle.time_constants_s().into_iter().fold(f64::INFINITY, f64::min);
-    let slow = (BRIDGED_TIME_CONSTANT_SHARE * fastest).min(BRIDGED_RECORD_SHARE * record.duration());
-    let known = if half_period.is_finite() { half_period } else { record.duration() };
-    known.max(slow).max(LONGEST_BRIDGED * period_s)
+    let least = LONGEST_BRIDGED * period_s;
+    if vehicle.b.iter().chain(vehicle.d.iter()).all(|gain| *gain == 0.0) {
+        let inputs = vehicle.inputs.iter().filter_map(|i| record.get(&i.name));
+        let half_period = inputs.map(|signal| half_period_s(&record.time, &signal.values));
+        return half_period.fold(f64::INFINITY, f64::min).clamp(least, record.duration().max(least));
+    }
+    let Some(response) = Response::new(record, vehicle, period_s) else { return least };
+    let steps_since = |from: f64, t: f64| ((t - from) / period_s).round() as usize;
+    let mut gaps: Vec<(usize, usize)> = record
+        .time
+        .windows(2)
+        .filter(|w| w[1] - w[0] > least)
+        .map(|w| (steps_since(w[0], w[1]), steps_since(record.time[0], w[0])))
+        .collect();
+    gaps.sort_unstable();
+    let (mut bridged, mut cost) = (least, 0.0);
+    for same in gaps.chunk_by(|a, b| a.0 == b.0) {
+        cost += response.cost(same);
+        if cost > vehicle.states.len() as f64 {
+            break;
+        }
+        bridged = (same[0].0 as f64 + 0.5) * period_s;
+    }
+    bridged
+}
+
+/// The recorded commands, and how errors of them move the outputs.
+struct Response {
+    /// Commands in steps of the record; NaN where there are none.
+    inputs: Vec<Vec<f64>>,
+    transition: DMatrix<f64>,
+    input: DMatrix<f64>,
+    /// Sum over all samples of the squared error of the outputs in units of their noise, as a form of the state's error at
+    /// the first of them.
+    visible: DMatrix<f64>,
+}
+
+impl Response {
+    fn new(record: &Record, vehicle: &Vehicle, period_s: f64) -> Option<Self> {
+        // Of a clock that was set meanwhile, the steps between would not fit into memory.
+        if record.duration() / period_s > MOST_STEPS_PER_SAMPLE * record.len() as f64 {
+            return None;
+        }
+        let (transition, input) = discretise(&vehicle.a, &vehicle.b, period_s).ok()?;
+        let mut weighted = vehicle.c.transpose();
+        for (i, output) in vehicle.outputs.iter().enumerate() {
+            let measured = record.get(&output.name).map_or(0.0, |signal| white_noise_std(&signal.values));
+            let noise = if output.noise > 0.0 { output.noise } else { measured };
+            let seen = record.get(&output.name).is_some() && noise > 0.0;
+            weighted.column_mut(i).scale_mut(if seen { 1.0 / noise } else { 0.0 });
+        }
+        let slowest = vehicle.time_constants_s().into_iter().fold(period_s, f64::max).min(record.duration());
+        let weight = &weighted * weighted.transpose();
+        let visible = finite_horizon_gramian(&vehicle.a.transpose(), &weight, slowest).ok()? / period_s;
+        let inputs = vehicle.inputs.iter().filter_map(|i| record.get(&i.name));
+        Some(Self {
+            inputs: inputs.map(|s| in_steps(&record.time, &s.values, period_s)).collect(),
+            transition,
+            input,
+            visible,
+        })
+    }
+
+    /// Expected squared error that follows some gaps of one length, given by it and their first steps. It is the mean over
+    /// gaps of that length where the commands are known; for a gap across which they changed more than the changes just
+    /// before and after it foretell, as where they jumped, as many times more as the square of that surprise exceeds its
+    /// mean.
+    fn cost(&self, gaps: &[(usize, usize)]) -> f64 {
+        let Some((steps, _)) = gaps.first().copied() else { return 0.0 };
+        let length = self.inputs.iter().map(Vec::len).min().unwrap_or(0);
+        let last = length.saturating_sub(steps + 1);
+        let known =
+            |from: usize| self.inputs.iter().all(|u| u[from..=from + steps].iter().all(|v| v.is_finite()));
+        let tried: Vec<usize> =
+            (0..last).step_by((last / TRIED_GAPS).max(1)).filter(|from| known(*from)).collect();
+        if tried.is_empty() {
+            return f64::INFINITY;
+        }
+        let mean_of = |of: &dyn Fn(usize) -> f64| {
+            let values = tried.iter().map(|from| of(*from)).filter(|v| v.is_finite()).collect::<Vec<_>>();
+            mean(&values)
+        };
+        let usual = mean_of(&|from| self.error(from, steps));
+        let surprises: Vec<f64> =
+            self.inputs.iter().map(|u| mean_of(&|from| surprise(u, from, steps).powi(2))).collect();
+        let times = |from: usize| {
+            let of_input = |(u, usual): (&Vec<f64>, &f64)| surprise(u, from, steps).powi(2) / usual;
+            self.inputs.iter().zip(&surprises).map(of_input).fold(1.0, f64::max)
+        };
+        // Commands that jump at no other place say nothing about this one.
+        let cost = |from: usize| usual * times(from);
+        gaps.iter()
+            .map(|(_, from)| cost(*from))
+            .map(|cost| if cost.is_nan() { f64::INFINITY } else { cost })
+            .sum()
+    }
+
+    /// The squared error that would follow a gap in known commands.
+    fn error(&self, from: usize, steps: usize) -> f64 {
+        let mut state = DMatrix::zeros(self.transition.nrows(), 1);
+        for k in 1..steps {
+            let missed = self.inputs.iter().map(|u| {
+                let (first, last) = (u[from], u[from + steps]);
+                u[from + k] - first - (last - first) * k as f64 / steps as f64
+            });
+            let missed = DMatrix::from_iterator(self.inputs.len(), 1, missed);
+            state = &self.transition * state + &self.input * missed;
+        }
+        state.dot(&(&self.visible * &state))
+    }
+}
+
+/// Change of a signal across a gap beyond the mean of its changes over as long before and after; NaN where it has no values.
+fn surprise(u: &[f64], from: usize, steps: usize) -> f64 {
+    let at = |step: Option<usize>| step.and_then(|step| u.get(step)).copied().unwrap_or(f64::NAN);
+    let (first, last) = (at(Some(from)), at(Some(from + steps)));
+    let (before, after) = (at(from.checked_sub(steps)), at(Some(from + 2 * steps)));
+    last - first - 0.5 * ((first - before) + (after - last))
+}
+
+/// A signal in steps of a record; NaN where it has no value.
+fn in_steps(time: &[f64], values: &[f64], period_s: f64) -> Vec<f64> {
+    let (Some(first), Some(last)) = (time.first(), time.last()) else { return Vec::new() };
+    let step = |t: f64| ((t - first) / period_s).round() as usize;
+    let mut steps = vec![f64::NAN; step(*last) + 1];
+    time.iter().zip(values).for_each(|(t, v)| steps[step(*t)] = *v);
+    steps
 }
 
 /// The known samples of an input, with further ones on a straight line through every gap of a regular signal that is not
@@ -94,5 +218,36 @@ mod tests {
             assert!((half * 2.0 * frequency_hz - 1.0).abs() < 0.02, "{half}");
         }
         assert!(half_period_s(&time, &vec![1.0; 2000]).is_infinite());
+    }
+
+    /// A roll axis of 100 Hz, from which half a second is missing: the longest gap that is bridged under a stick of a
+    /// frequency and a noise of the gyroscope.
+    fn bridged(frequency_hz: f64, noise: f64, missing_s: f64) -> f64 {
+        let text = format!(
+            "name = 'axis'\nA = [[-2.0]]\nB = [[5.0]]\ninputs = [{{ name = 'u' }}]\n\
+             states = [{{ name = 'rate' }}]\noutputs = [{{ name = 'rate', noise = {noise} }}]\n"
+        );
+        let vehicle = Vehicle::parse(&text, "axis.toml").unwrap();
+        let time: Vec<f64> = (0..4000)
+            .map(|k| f64::from(k) * 0.01)
+            .filter(|t| !(10.0..10.0 + missing_s).contains(t))
+            .collect();
+        let mut record = Record::new("axis", time.clone()).unwrap();
+        record.push("u", "", time.iter().map(|t| (2.0 * PI * frequency_hz * t).sin()).collect()).unwrap();
+        record.push("rate", "", time.iter().map(|t| t.cos()).collect()).unwrap();
+        bridged_s(&record, &vehicle, 0.01)
+    }
+
+    /// The stick is the same, and its error is within a noise that it stands out of where the noise is small.
+    #[test]
+    fn a_gap_is_bridged_while_its_commands_move_nothing_beyond_the_noise() {
+        assert!(bridged(0.05, 0.05, 0.5) > 0.45, "a slow stick in noise");
+        let (quiet, loud) = (bridged(0.2, 0.01, 0.5), bridged(0.2, 1.0, 0.5));
+        assert!(quiet < 0.2 && loud > 0.45, "{quiet} {loud}");
+        assert!(bridged(0.05, 0.05, 30.0) < 0.2, "longer than all that is known");
+        assert!(
+            (bridged(1.0, 0.2, 0.02) - LONGEST_BRIDGED * 0.01).abs() < 1e-9,
+            "two samples are always bridged"
+        );
     }
 }
