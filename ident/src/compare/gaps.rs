@@ -1,5 +1,6 @@
 //! Gaps in a record: the longest gap through which a prediction may continue, and the inputs meanwhile.
 
+use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
 use nalgebra::DMatrix;
@@ -32,13 +33,16 @@ pub fn bridged_s(record: &Record, vehicle: &Vehicle, period_s: f64) -> f64 {
     }
     let Some(response) = Response::new(record, vehicle, period_s) else { return least };
     let steps_since = |from: f64, t: f64| ((t - from) / period_s).round() as usize;
-    let mut gaps: Vec<(usize, usize)> = record
-        .time
-        .windows(2)
-        .filter(|w| w[1] - w[0] > least)
-        .map(|w| (steps_since(w[0], w[1]), steps_since(record.time[0], w[0])))
+    // Rows that are missing, and rows without a command.
+    let of_rows = record.time.windows(2).map(|w| (w[0], w[1]));
+    let commands = vehicle.inputs.iter().filter_map(|i| record.get(&i.name));
+    let of_commands = commands.flat_map(|signal| gaps(&known(&record.time, &signal.values).0));
+    let missing: BTreeSet<(usize, usize)> = of_rows
+        .chain(of_commands)
+        .filter(|(from, to)| to - from > least)
+        .map(|(from, to)| (steps_since(from, to), steps_since(record.time[0], from)))
         .collect();
-    gaps.sort_unstable();
+    let gaps: Vec<(usize, usize)> = missing.into_iter().collect();
     let (mut bridged, mut cost) = (least, 0.0);
     for same in gaps.chunk_by(|a, b| a.0 == b.0) {
         cost += response.cost(same);
@@ -95,10 +99,10 @@ impl Response {
         let Some((steps, _)) = gaps.first().copied() else { return 0.0 };
         let length = self.inputs.iter().map(Vec::len).min().unwrap_or(0);
         let last = length.saturating_sub(steps + 1);
-        let known =
+        let told =
             |from: usize| self.inputs.iter().all(|u| u[from..=from + steps].iter().all(|v| v.is_finite()));
         let tried: Vec<usize> =
-            (0..last).step_by((last / TRIED_GAPS).max(1)).filter(|from| known(*from)).collect();
+            (0..last).step_by((last / TRIED_GAPS).max(1)).filter(|from| told(*from)).collect();
         if tried.is_empty() {
             return f64::INFINITY;
         }
@@ -144,21 +148,33 @@ fn surprise(u: &[f64], from: usize, steps: usize) -> f64 {
     last - first - 0.5 * ((first - before) + (after - last))
 }
 
-/// A signal in steps of a record; NaN where it has no value.
+/// A signal in steps of a record, on straight lines where it has no values that it usually does not have: between those of
+/// a slower topic, or of a clock that jitters. NaN in its gaps.
 fn in_steps(time: &[f64], values: &[f64], period_s: f64) -> Vec<f64> {
     let (Some(first), Some(last)) = (time.first(), time.last()) else { return Vec::new() };
     let step = |t: f64| ((t - first) / period_s).round() as usize;
     let mut steps = vec![f64::NAN; step(*last) + 1];
-    time.iter().zip(values).for_each(|(t, v)| steps[step(*t)] = *v);
+    let (time, values) = known(time, values);
+    let usual = LONGEST_BRIDGED * median_interval(&time).unwrap_or(0.0).max(period_s);
+    for (t, v) in time.windows(2).zip(values.windows(2)).filter(|(t, _)| t[1] - t[0] <= usual) {
+        let (from, to) = (step(t[0]), step(t[1]));
+        for k in from..=to {
+            steps[k] = v[0] + (v[1] - v[0]) * (k - from) as f64 / (to - from).max(1) as f64;
+        }
+    }
     steps
+}
+
+/// The times at which a signal has a value, and the values.
+fn known(time: &[f64], values: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    time.iter().zip(values).filter(|(_, v)| v.is_finite()).map(|(t, v)| (*t, *v)).unzip()
 }
 
 /// The known samples of an input, with further ones on a straight line through every gap of a regular signal that is not
 /// longer than `longest_s`. That is the mean of what may have been sent meanwhile, for a signal that moves from sample to
 /// sample as for one that jumped once at an unknown time; the last value before the gap would be off by the whole change.
 pub fn input_through_gaps(time: &[f64], values: &[f64], longest_s: f64) -> (Vec<f64>, Vec<f64>) {
-    let known = time.iter().zip(values).filter(|(_, v)| v.is_finite());
-    let (time, values): (Vec<f64>, Vec<f64>) = known.map(|(t, v)| (*t, *v)).unzip();
+    let (time, values) = known(time, values);
     let step = median_interval(&time).unwrap_or(f64::INFINITY);
     let mut gaps = gaps(&time).into_iter().filter(|(from, to)| to - from <= longest_s).peekable();
     if gaps.peek().is_none() {
@@ -181,12 +197,11 @@ pub fn input_through_gaps(time: &[f64], values: &[f64], longest_s: f64) -> (Vec<
 /// Half a period of the frequency with which a signal crosses its mean: rms of its slope over 2 pi times its
 /// own rms. Infinite for a constant signal.
 fn half_period_s(time: &[f64], values: &[f64]) -> f64 {
-    let known: Vec<(f64, f64)> =
-        time.iter().copied().zip(values.iter().copied()).filter(|(_, v)| v.is_finite()).collect();
-    let middle = mean(&known.iter().map(|k| k.1).collect::<Vec<_>>());
-    let size = rms(&known.iter().map(|k| k.1 - middle).collect::<Vec<_>>());
-    let slopes = known.windows(2).filter(|w| w[1].0 > w[0].0).map(|w| (w[1].1 - w[0].1) / (w[1].0 - w[0].0));
-    let slope = rms(&slopes.collect::<Vec<_>>());
+    let (time, values) = known(time, values);
+    let middle = mean(&values);
+    let size = rms(&values.iter().map(|v| v - middle).collect::<Vec<_>>());
+    let both = time.windows(2).zip(values.windows(2)).filter(|(t, _)| t[1] > t[0]);
+    let slope = rms(&both.map(|(t, v)| (v[1] - v[0]) / (t[1] - t[0])).collect::<Vec<_>>());
     if size > 0.0 && slope > 0.0 { PI * size / slope } else { f64::INFINITY }
 }
 
@@ -236,6 +251,22 @@ mod tests {
         record.push("u", "", time.iter().map(|t| (2.0 * PI * frequency_hz * t).sin()).collect()).unwrap();
         record.push("rate", "", time.iter().map(|t| t.cos()).collect()).unwrap();
         bridged_s(&record, &vehicle, 0.01)
+    }
+
+    /// A stick that is recorded at every fifth row, and not at all for half a second: its rows go on.
+    #[test]
+    fn commands_that_pause_are_gaps_of_a_slower_topic() {
+        let text = "name = 'axis'\nA = [[-2.0]]\nB = [[5.0]]\ninputs = [{ name = 'u' }]\n\
+                    states = [{ name = 'rate' }]\noutputs = [{ name = 'rate', noise = 1.0 }]\n";
+        let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
+        let time: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.01).collect();
+        let recorded = |k: usize| k % 5 == 0 && !(1000..1050).contains(&k);
+        let stick = |k: usize| if recorded(k) { (0.4 * PI * time[k]).sin() } else { f64::NAN };
+        let mut record = Record::new("axis", time.clone()).unwrap();
+        record.push("u", "", (0..4000).map(stick).collect()).unwrap();
+        record.push("rate", "", time.iter().map(|t| t.cos()).collect()).unwrap();
+        let bridged = bridged_s(&record, &vehicle, 0.01);
+        assert!(bridged > 0.5, "{bridged}");
     }
 
     /// The stick is the same, and its error is within a noise that it stands out of where the noise is small.
