@@ -158,8 +158,8 @@ fn in_steps(time: &[f64], values: &[f64], period_s: f64) -> Vec<f64> {
     let usual = LONGEST_BRIDGED * median_interval(&time).unwrap_or(0.0).max(period_s);
     for (t, v) in time.windows(2).zip(values.windows(2)).filter(|(t, _)| t[1] - t[0] <= usual) {
         let (from, to) = (step(t[0]), step(t[1]));
-        for k in from..=to {
-            steps[k] = v[0] + (v[1] - v[0]) * (k - from) as f64 / (to - from).max(1) as f64;
+        for (k, value) in steps[from..=to].iter_mut().enumerate() {
+            *value = v[0] + (v[1] - v[0]) * k as f64 / (to - from).max(1) as f64;
         }
     }
     steps
@@ -260,7 +260,7 @@ mod tests {
                     states = [{ name = 'rate' }]\noutputs = [{ name = 'rate', noise = 1.0 }]\n";
         let vehicle = Vehicle::parse(text, "axis.toml").unwrap();
         let time: Vec<f64> = (0..4000).map(|k| f64::from(k) * 0.01).collect();
-        let recorded = |k: usize| k % 5 == 0 && !(1000..1050).contains(&k);
+        let recorded = |k: usize| k.is_multiple_of(5) && !(1000..1050).contains(&k);
         let stick = |k: usize| if recorded(k) { (0.4 * PI * time[k]).sin() } else { f64::NAN };
         let mut record = Record::new("axis", time.clone()).unwrap();
         record.push("u", "", (0..4000).map(stick).collect()).unwrap();
