@@ -1,7 +1,7 @@
 //! Values in the form that engineers read: angles in degrees, three or four digits. Values with a unit declared in
 //! a vehicle file are shown by [`ShownUnit`].
 
-pub use whirlstand_msgs::units::{ShownUnit, clean, number};
+pub use whirlstand_msgs::units::{ShownUnit, clean, instant, number};
 
 /// A count and its noun, in the plural unless the count is 1.
 pub fn counted(n: usize, what: &str) -> String {

@@ -7,7 +7,7 @@ use super::diagnosis_tables::{causes, gains, not_testable, refitted, rejected};
 use super::page::{Attachment, Level, Page, Section};
 use super::text_diff::changed_lines;
 use whirlstand_diagnose::{Diagnosis, Verdict};
-use whirlstand_logs::shown::number;
+use whirlstand_logs::shown::{instant, number};
 
 /// The report of a diagnosis as one HTML text.
 ///
@@ -108,7 +108,7 @@ fn facts(answer: &Diagnosis) -> Vec<(String, String)> {
     let verdict =
         serde_json::to_value(answer.verdict).ok().and_then(|v| v.as_str().map(|v| v.replace('_', " ")));
     let t = &answer.figures.t;
-    let span = t.first().zip(t.last()).map(|(a, b)| format!("{} to {} s", number(*a), number(*b)));
+    let span = t.first().zip(t.last()).map(|(a, b)| format!("{} to {} s", instant(*a), instant(*b)));
     vec![
         ("records".into(), answer.records.join(", ")),
         ("vehicle".into(), answer.vehicle.clone()),

@@ -4,7 +4,7 @@ use super::labels::with_unit;
 use super::page::{Cell, Level, Row, Section, Table};
 use whirlstand_diagnose::Diagnosis;
 use whirlstand_diagnose::answer::{Cause, Estimate};
-use whirlstand_logs::shown::number;
+use whirlstand_logs::shown::{instant, number};
 
 fn head(names: &[&str]) -> Vec<String> {
     names.iter().map(|n| (*n).to_string()).collect()
@@ -53,7 +53,7 @@ fn cause(cause: &Cause) -> Vec<Row> {
     let cells = [text, String::new(), String::new()].into_iter().chain(evidence).map(Cell::new).collect();
     let mut rows = vec![Row { label: format!("{} on {}", cause.effect, cause.place), group: true, cells }];
     rows.extend(cause.parameters.iter().map(|(name, Estimate { value, low, high, unit })| {
-        let with_unit = |v: f64| unit.text(v);
+        let with_unit = |v: f64| if name == "at_s" { format!("{} s", instant(v)) } else { unit.text(v) };
         let ends =
             if low == high { ["given".into(), String::new()] } else { [with_unit(*low), with_unit(*high)] };
         let cells = std::iter::once(with_unit(*value)).chain(ends).map(Cell::new);
@@ -127,8 +127,8 @@ pub(crate) fn gains(answer: &Diagnosis) -> Section {
             "{} to {} s, with the rest used for the fit: free runs where they are meaningful, and predictions over \
              {ahead}. Fit is 100 (1 - norm(residual) / norm(measured - its mean)). No model can do better than the \
              noise.",
-            number(answer.heldout.from_s),
-            number(answer.heldout.to_s)
+            instant(answer.heldout.from_s),
+            instant(answer.heldout.to_s)
         ),
         tables: vec![Table { head: head(&names), rows: rows.collect(), ..Table::default() }],
         ..Section::default()

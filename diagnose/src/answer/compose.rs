@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use whirlstand_logs::shown::instant;
 use whirlstand_vehicle::Vehicle;
 
 use super::causes::causes;
@@ -330,7 +331,7 @@ fn whole_summary(answer: &Diagnosis) -> String {
 fn interval(name: &str, p: &Estimate) -> String {
     let unit = p.unit.symbol();
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    let number = |v: f64| short(v * p.unit.factor());
+    let number = |v: f64| if name == "at_s" { instant(v) } else { short(v * p.unit.factor()) };
     format!("{name} {}{unit} ({} to {}{unit})", number(p.value), number(p.low), number(p.high))
 }
 
@@ -350,6 +351,10 @@ mod tests {
         assert_eq!(
             told("magnitude", "rad/s^2", [2.59, 2.55, 2.63]),
             "magnitude 148 deg/s^2 (146 to 151 deg/s^2)"
+        );
+        assert_eq!(
+            told("at_s", "s", [1_690_000_012.34, 1_690_000_012.3, 1_690_000_012.38]),
+            "at_s 1690000012.34 s (1690000012.30 to 1690000012.38 s)"
         );
         assert_eq!(told("factor", "", [0.8, 0.7, 0.9]), "factor 0.800 (0.700 to 0.900)");
         assert_eq!(

@@ -1,5 +1,7 @@
 //! The answer for a terminal: at most fifteen lines of text.
 
+use whirlstand_logs::shown::instant;
+
 use crate::answer::schema::{Diagnosis, Refitted, Verdict, short};
 
 /// Most parameters that are shown as fitted anew; JSON and report have all.
@@ -40,8 +42,8 @@ impl Diagnosis {
         let known = self.outputs.values().any(|o| o.noise_floor > 0.0);
         lines.push(format!(
             "held out {} to {} s, {}: fit before -> after{}",
-            short(self.heldout.from_s),
-            short(self.heldout.to_s),
+            instant(self.heldout.from_s),
+            instant(self.heldout.to_s),
             if free { format!("free run ({horizon})") } else { horizon },
             if known { ", error after / noise" } else { "" }
         ));

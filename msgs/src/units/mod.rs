@@ -28,7 +28,7 @@ use std::str::FromStr;
 
 pub use self::bare::two_readings;
 pub use self::dimension::Dimension;
-pub use self::number::{MEANT_DIGITS, clean, number, rounded};
+pub use self::number::{MEANT_DIGITS, clean, instant, number, rounded};
 pub use self::shown::ShownUnit;
 pub use self::shown_signals::ShownSignals;
 use self::symbols::lookup;

@@ -15,6 +15,12 @@ pub fn number(v: f64) -> String {
     }
 }
 
+/// A time of a clock in s. How far it is from zero says nothing about how exactly it is known (a clock may count from
+/// 1970), so hundredths are kept from 100 s on.
+pub fn instant(seconds: f64) -> String {
+    if seconds.is_finite() && seconds.abs() >= 100.0 { format!("{seconds:.2}") } else { number(seconds) }
+}
+
 /// A number rounded to `digits` significant digits, at least one.
 pub fn rounded(v: f64, digits: usize) -> f64 {
     // The text reads back as the nearest number, which prints with the fewest digits that identify it.
@@ -54,5 +60,8 @@ mod tests {
         }
         assert_eq!(number(2.5e-7), "2.50e-7");
         assert_eq!(number(1234.5), "1234");
+        assert_eq!(instant(1_690_000_012.346), "1690000012.35");
+        assert_eq!(instant(12.346), "12.3");
+        assert_eq!(instant(f64::NAN), "-");
     }
 }
