@@ -9,8 +9,9 @@ use crate::data::record::Data;
 
 /// Subtracts the declared vibrations from the measurements, with the phase and amplitude that the residual
 /// shows, up to the declared amplitude: a vibration beyond that stays in the data and is found. Each record has its own: in
-/// what is missing between two of them the phase went on by an unknown angle.
-pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) {
+/// what is missing between two of them the phase went on by an unknown angle. Returns what is left of the residual.
+pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) -> Vec<f64> {
+    let mut left = residual.to_vec();
     let (ranges, period_s) = (data.ranges(), data.period_s);
     let parts: Vec<Vec<Range<usize>>> = data.channels.iter().map(|c| data.parts(c).collect()).collect();
     for ((channel, range), parts) in data.channels.iter_mut().zip(ranges).zip(parts) {
@@ -18,7 +19,7 @@ pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) {
         let size = vibration.amplitude(Engine::Flying);
         let known = channel.known().into_owned();
         for part in parts.into_iter().filter(|part| !part.is_empty()) {
-            let mut rest = residual[range.clone()][part.clone()].to_vec();
+            let rest = &mut left[range.clone()][part.clone()];
             let at = |k: usize| (k * channel.stride) as f64 * period_s;
             let duration_s = at(part.len());
             for (i, share) in vibration.harmonics.iter().enumerate() {
@@ -29,7 +30,7 @@ pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) {
                 let nominal = vibration.frequency_hz * (i + 1) as f64;
                 let tones = (-4 * DECLARED_FREQUENCY_LINES..=4 * DECLARED_FREQUENCY_LINES).map(|line| {
                     let f = nominal + f64::from(line) * 0.25 / duration_s;
-                    (f, tone(&rest, &known[part.clone()], f, at))
+                    (f, tone(rest, &known[part.clone()], f, at))
                 });
                 let strongest = tones.max_by(|a, b| a.1.norm_squared().total_cmp(&b.1.norm_squared()));
                 let Some((f, weights)) = strongest else { continue };
@@ -44,6 +45,7 @@ pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) {
             }
         }
     }
+    left
 }
 
 /// Least-squares coefficients of sine and cosine at frequency `f`.

@@ -2,6 +2,7 @@
 
 pub mod checks;
 pub mod declared_vibration;
+pub mod deviations;
 #[cfg(test)]
 pub mod flown;
 mod held_samples;

@@ -1,9 +1,8 @@
 //! Outliers: single samples far from the values that their neighbours suggest.
 
 use crate::thresholds::{
-    ISOLATED_SIGMAS, MAX_AR_ORDER, MIN_BIC_GAIN, MIN_OUTLIERS, MIXTURE_ROUNDS, MIXTURE_SETTLED, NEIGHBOURS,
-    NORMAL_DEGREES, OUTLIER_ROUNDS, OUTLIER_SIGMAS, OUTLIER_SIZE_RATIO, OUTLIER_STEP_RATIO, STUDENT_DEGREES,
-    STUDENT_ROUNDS,
+    MIN_BIC_GAIN, MIN_OUTLIERS, MIXTURE_ROUNDS, MIXTURE_SETTLED, NORMAL_DEGREES, OUTLIER_SIGMAS,
+    OUTLIER_SIZE_RATIO, OUTLIER_STEP_RATIO, STUDENT_DEGREES, STUDENT_ROUNDS,
 };
 use std::collections::BTreeMap;
 
@@ -11,30 +10,10 @@ use statrs::distribution::{Continuous, StudentsT};
 
 use whirlstand_vehicle::Kind;
 
+use crate::data::deviations::{Deviation, Wild, far, foretold};
 use crate::data::record::Data;
 use crate::data::sample_effect::{SampleEffect, longest_run, share_interval};
-use crate::model::noise::filtered;
-use whirlstand_ident::identify::ar::Ar;
-use whirlstand_logs::stats::{mad_std, mean, median, rms};
-
-/// Samples of a channel that lie far from what others suggest.
-struct Wild {
-    samples: Vec<Deviation>,
-    /// Standard deviation of the deviations without these samples.
-    spread: f64,
-    /// Deviations of all other samples.
-    others: Vec<f64>,
-}
-
-/// A sample that lies far from what others suggest.
-#[derive(Debug, Clone, Copy)]
-struct Deviation {
-    /// Index of the sample.
-    at: usize,
-    size: f64,
-    /// False on a bend of the signal.
-    alone: bool,
-}
+use whirlstand_logs::stats::{mad_std, mean, rms};
 
 /// Noise of which a share is shifted by one magnitude, up or down (Tukey 1960), with its log-likelihood. The noise is Student's t:
 /// nearly normal with many degrees of freedom, heavy-tailed with few.
@@ -237,84 +216,6 @@ pub fn still_wild(samples: &mut Vec<SampleEffect>, data: &Data, good: Vec<Vec<bo
     samples.retain(|e| e.kind != Kind::Outliers || again.iter().any(|a| a.channel == e.channel));
 }
 
-/// Values far from the median of their neighbours, by more than `least`, whatever the colour of the noise.
-fn far(r: &[f64], good: &[bool], least: f64) -> Wild {
-    // Distance of a value from its neighbours, and scatter of the neighbours.
-    let (away, scatter): (Vec<f64>, Vec<f64>) = (0..r.len())
-        .map(|k| {
-            // As many on either side, so that a slope does not count.
-            let reach = NEIGHBOURS.min(k).min(r.len() - 1 - k);
-            let around: Vec<f64> =
-                (k - reach..=k + reach).filter(|j| *j != k && good[*j]).map(|j| r[j]).collect();
-            if !good[k] || around.is_empty() {
-                return (0.0, 0.0);
-            }
-            let middle = median(&around);
-            let apart: Vec<f64> = around.iter().map(|v| (v - middle).abs()).collect();
-            (r[k] - middle, median(&apart))
-        })
-        .unzip();
-    let kept: Vec<f64> = away.iter().copied().filter(|a| *a != 0.0).collect();
-    let spread = mad_std(&kept);
-    let wild = |k: &usize| spread > 0.0 && away[*k].abs() > (OUTLIER_SIGMAS * spread).max(least);
-    let deviation =
-        |at: usize| Deviation { at, size: away[at], alone: away[at].abs() > ISOLATED_SIGMAS * scatter[at] };
-    let samples = (0..away.len()).filter(wild).map(deviation).collect();
-    let others = (0..away.len()).filter(|k| good[*k] && !wild(k)).map(|k| away[k]).collect();
-    Wild { samples, spread, others }
-}
-
-/// Values far from what an autoregressive noise model predicts from the samples before and after. Where the
-/// noise varies fast, a small outlier stands out only this way.
-fn foretold(r: &[f64], good: &[bool]) -> Option<Wild> {
-    let mut rest = r.to_vec();
-    let mut found = None;
-    for _ in 0..OUTLIER_ROUNDS {
-        let ar = Ar::fit(&[&rest], MAX_AR_ORDER);
-        let mut colour = vec![1.0];
-        colour.extend(&ar.coefficients);
-        let mut white = filtered(&ar, r);
-        // The first samples have no known past.
-        white.iter_mut().take(ar.order()).for_each(|e| *e = 0.0);
-        let kept: Vec<f64> = white.iter().copied().filter(|e| *e != 0.0).collect();
-        let unit = mad_std(&kept);
-        let spread = unit / rms(&colour) / (colour.len() as f64).sqrt();
-        if unit.is_nan() || unit <= 0.0 {
-            return None;
-        }
-        let off = |white: &[f64], k: usize| {
-            let all = colour.iter().zip(&white[k..]);
-            let (product, energy) = all.fold((0.0, 0.0), |(p, n), (a, e)| (p + a * e, n + a * a));
-            product / energy
-        };
-        let mut open: Vec<usize> = (ar.order()..r.len())
-            .filter(|k| good[*k] && off(&white, *k).abs() > OUTLIER_SIGMAS * spread)
-            .collect();
-        let mut values = Vec::new();
-        while let Some((at, size)) = open
-            .iter()
-            .map(|k| off(&white, *k))
-            .enumerate()
-            .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
-            .filter(|(_, size)| size.abs() > OUTLIER_SIGMAS * spread)
-        {
-            let k = open.swap_remove(at);
-            white[k..].iter_mut().zip(&colour).for_each(|(e, a)| *e -= size * a);
-            values.push((k, size));
-        }
-        values.sort_unstable_by_key(|(k, _)| *k);
-        let calm = |k: usize| white[k..].iter().take(colour.len()).all(|e| e.abs() < ISOLATED_SIGMAS * unit);
-        let samples: Vec<Deviation> =
-            values.into_iter().map(|(at, size)| Deviation { at, size, alone: calm(at) }).collect();
-        rest = r.to_vec();
-        samples.iter().for_each(|wild| rest[wild.at] -= wild.size);
-        let calm = (ar.order()..r.len()).filter(|k| good[*k] && rest[*k] == r[*k]);
-        let others = calm.map(|k| off(&white, k)).collect();
-        found = Some(Wild { samples, spread, others });
-    }
-    found
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -346,6 +247,18 @@ mod tests {
         assert_eq!(wild.samples.iter().map(|wild| wild.at).collect::<Vec<_>>(), [800, 1700, 2900]);
         let (magnitude, differing) = sizes(&wild.samples);
         assert!(differing < 0.1 * magnitude && wild.outliers().is_some_and(|found| found.len() == 3));
+    }
+
+    /// The last sample of a record has neighbours on one side only, and was never one of the outliers.
+    #[test]
+    fn the_first_and_the_last_sample_may_lie_far_from_a_slope() {
+        let mut r = normal(9);
+        r.iter_mut().enumerate().for_each(|(k, v)| *v += 2.0 * k as f64);
+        let ends = |r: &[f64]| far(r, &[true; SAMPLES], 0.0).samples.iter().map(|w| w.at).collect::<Vec<_>>();
+        assert!(ends(&r).is_empty());
+        r[0] -= 60.0;
+        r[SAMPLES - 1] -= 60.0;
+        assert_eq!(ends(&r), [0, SAMPLES - 1]);
     }
 
     #[test]

@@ -45,11 +45,17 @@ impl<'a> Baseline<'a> {
             Ok(first) => first,
             Err(why) => return Err(Box::new((checked, why))),
         };
-        declared_vibration::take_off(&mut checked.data, vehicle, &first.residual);
+        let measured: Vec<Vec<f64>> = checked.data.channels.iter().map(|c| c.values.clone()).collect();
+        let left = declared_vibration::take_off(&mut checked.data, vehicle, &first.residual);
         let good = checked.data.channels.iter().map(|c| c.good.clone()).collect();
         let blocked = checked.is_blocked();
         if !blocked {
-            let (wild, excluded) = outliers(&mut checked.data, &first.residual, &checked.samples);
+            let (wild, excluded) = outliers(&mut checked.data, &left, &checked.samples);
+            if !(wild.is_empty() && excluded.is_empty()) {
+                // Far samples had changed the amplitude and the phase of what was taken off.
+                checked.data.channels.iter_mut().zip(measured).for_each(|(c, values)| c.values = values);
+                declared_vibration::take_off(&mut checked.data, vehicle, &first.residual);
+            }
             checked.samples.extend(wild);
             checked.found.extend(excluded.iter().map(|e| checks::excluded(e, &checked.data, vehicle)));
         }

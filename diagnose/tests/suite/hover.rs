@@ -4,9 +4,9 @@
 
 use whirlstand_diagnose::{Options, Verdict, diagnose};
 use whirlstand_logs::Record;
-use whirlstand_vehicle::{Free, Matrix, Stream, Target, Vehicle};
+use whirlstand_vehicle::{Effect, Free, Kind, Matrix, Stream, Target, Vehicle};
 
-use crate::support::{diagnosis, named};
+use crate::support::{diagnosis, flight, named};
 
 /// Torque to angular acceleration, 1/s^2.
 const TORQUE: f64 = 120.0;
@@ -90,4 +90,20 @@ fn a_refit_finds_what_commands_do_that_cancel_gusts() {
     assert!(ratios.len() >= 4, "{ratios:?}");
     assert!(ratios[0] > 0.5 && ratios[ratios.len() - 1] < 2.0, "{ratios:?}");
     assert!((0.8..1.25).contains(&ratios[ratios.len() / 2]), "{ratios:?}");
+}
+
+/// The outliers had changed the phase with which the declared vibration of the rotor was taken off, and what was left of it
+/// was named as further vibrations.
+#[test]
+fn a_declared_vibration_beside_outliers_is_no_cause() {
+    let mut helicopter = Vehicle::builtin("helicopter-hover").unwrap();
+    helicopter.outputs.iter_mut().filter(|output| output.name == "pitch_rate").for_each(|o| o.noise /= 8.0);
+    let mut truth = helicopter.clone();
+    let outliers = [("fraction", 0.02), ("magnitude", 0.09)];
+    truth.add_effect(Effect::new(Kind::Outliers, "pitch_rate", &outliers).unwrap()).unwrap();
+    for seed in 1..=3 {
+        let answer = diagnosis(flight(&truth, 30.0, &[0.0; 8], 0.1, Some(seed)), &helicopter);
+        assert_eq!(named(&answer), [["outliers(pitch_rate)"]], "{}", answer.text());
+        assert_eq!(answer.verdict, Verdict::Explained, "{}", answer.text());
+    }
 }
