@@ -70,7 +70,7 @@ pub use read_error::ReadError;
 pub use record::{Record, RecordError, Signal, SignalError};
 pub use resample::{Clock, ClockError, resample};
 pub use sampling::{
-    Gap, LONGEST_BRIDGED, Sampling, even_period, gaps, median_interval, pauses, repeated_every, unbroken,
+    GAP, Gap, LONGEST_BRIDGED, Sampling, even_period, gaps, median_interval, pauses, repeated_every, unbroken,
 };
 pub use segments::{Segments, log_files};
 pub use series::Series;

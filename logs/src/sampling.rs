@@ -9,11 +9,11 @@ use crate::stats::median;
 
 /// Length, in median intervals, above which an interval has a missing sample: it is then nearer to two
 /// intervals than to one.
-const GAP: f64 = 1.5;
+pub const GAP: f64 = 1.5;
 
-/// Longest pause that is bridged, in median intervals: two samples may be missing and the clock may jitter by half
-/// an interval. Two consecutive lost samples are common on a radio or a busy bus; a longer pause hides motion, and
-/// the signal is cut there.
+/// Longest pause of a command that is bridged, in median intervals: two samples may be missing and the clock may jitter by
+/// half an interval. Two consecutive lost samples are common on a radio or a busy bus; a longer pause hides motion, and
+/// the signal is cut there. A measurement that is missing stays missing.
 pub const LONGEST_BRIDGED: f64 = 3.5;
 
 /// Relative deviation of an interval from the median above which sampling is uneven.

@@ -9,7 +9,7 @@ use crate::data::record::Data;
 
 /// Subtracts the declared vibrations from the measurements, with the phase and amplitude that the residual
 /// shows, up to the declared amplitude: a vibration beyond that stays in the data and is found. Each record has its own: in
-/// what is missing between two of them the phase went on by an unknown angle. Returns what is left of the residual.
+/// what is missing between two of them the phase went on by an unknown angle. Returns what is left of the residual, with gaps filled.
 pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) -> Vec<f64> {
     let mut left = residual.to_vec();
     let (ranges, period_s) = (data.ranges(), data.period_s);
@@ -45,6 +45,7 @@ pub fn take_off(data: &mut Data, vehicle: &Vehicle, residual: &[f64]) -> Vec<f64
             }
         }
     }
+    data.fill(&mut left);
     left
 }
 

@@ -1,10 +1,11 @@
 //! Resampling of sampled signals by linear interpolation.
 
 use super::clock::{Clock, TOLERANCE};
-use crate::sampling::{LONGEST_BRIDGED, median_interval};
+use crate::sampling::{GAP, median_interval};
 
 /// A sampled signal at the points of a clock: the sample where there is one, and linear interpolation between
-/// samples. NaN beyond the ends, in pauses longer than [`LONGEST_BRIDGED`], and next to a sample that is NaN.
+/// samples. NaN beyond the ends, where a sample is missing ([`GAP`]), and next to a sample that is NaN: what vibrates faster
+/// than half the sampling rate over the gap would be made up, and would count as measured.
 pub fn interpolated(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
     let own = median_interval(time).unwrap_or(clock.period);
     let slack = TOLERANCE * own;
@@ -17,7 +18,7 @@ pub fn interpolated(time: &[f64], values: &[f64], clock: &Clock) -> Vec<f64> {
             }
             match (time.get(at), time.get(at + 1)) {
                 (Some(on), _) if (on - t).abs() <= slack => values[at],
-                (Some(from), Some(to)) if *from < t && to - from <= LONGEST_BRIDGED * own => {
+                (Some(from), Some(to)) if *from < t && to - from <= GAP * own => {
                     values[at] + (values[at + 1] - values[at]) * (t - from) / (to - from)
                 }
                 _ => f64::NAN,

@@ -7,8 +7,9 @@
 //! - Control signals are held from sample to sample; each new value is the mean over its interval, which moves the
 //!   vehicle as far.
 //!
-//! Where a signal pauses for longer than [`crate::sampling::LONGEST_BRIDGED`], there is NaN, not an invention; a control
-//! signal that is only sent when it changes is held, however long.
+//! Where a sample is missing ([`crate::sampling::GAP`]), there is NaN, not an invention. A control signal is held through
+//! pauses of up to [`crate::sampling::LONGEST_BRIDGED`], as is any signal before a low-pass; one that is only sent when it
+//! changes is held, however long.
 //!
 //! [`onto`] does all this for a signal with a clock of its own, and [`resample`] for many. [`held`], [`interpolated`] and
 //! [`averaged`] are for the columns of a record, where a NaN says that a sensor gave no fresh value.
@@ -26,7 +27,7 @@ pub use low_pass::averaged;
 use std::ops::Range;
 
 use crate::record::Record;
-use crate::sampling::{LONGEST_BRIDGED, median_interval, pauses};
+use crate::sampling::{GAP, LONGEST_BRIDGED, median_interval, pauses};
 use crate::series::Series;
 use clock::TOLERANCE;
 use linear::interpolate;
@@ -103,9 +104,7 @@ impl Record {
                 .map(|t| {
                     let t = t + delay;
                     let after = own.partition_point(|s| *s <= t);
-                    let near = after > 0
-                        && after < own.len()
-                        && own[after] - own[after - 1] <= LONGEST_BRIDGED * median;
+                    let near = after > 0 && after < own.len() && own[after] - own[after - 1] <= GAP * median;
                     if near { interpolate(own, values, t) } else { f64::NAN }
                 })
                 .collect();
@@ -221,12 +220,14 @@ mod tests {
     }
 
     #[test]
-    fn long_pauses_stay_empty_and_short_ones_are_bridged() {
-        let samples = (0..100).filter(|k| !(20..22).contains(k) && !(50..60).contains(k));
+    fn a_missing_measurement_is_not_made_up_and_a_command_is_held_through_a_short_pause() {
+        let samples = (0..100).filter(|k| *k != 30 && !(20..22).contains(k) && !(50..60).contains(k));
         let s = Series::new("x", "", samples.map(|k| (f64::from(k) * 0.01, 1.0)).collect());
-        let out = onto(&s, &Clock::over(0.0, 0.99, 0.01).unwrap(), false);
-        assert_eq!((out[21], out[49], out[60]), (1.0, 1.0, 1.0));
-        assert!(out[50..60].iter().all(|v| v.is_nan()));
+        let clock = Clock::over(0.0, 0.99, 0.01).unwrap();
+        let missing = |out: &[f64]| (0..100).filter(|k| out[*k].is_nan()).collect::<Vec<_>>();
+        let long: Vec<usize> = (50..60).collect();
+        assert_eq!(missing(&onto(&s, &clock, false)), [&[20, 21, 30], &long[..]].concat());
+        assert_eq!(missing(&onto(&s, &clock, true)), long);
     }
 
     #[test]
