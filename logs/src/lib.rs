@@ -59,7 +59,7 @@ pub use in_charge::InCharge;
 pub use info::{FileInfo, LogInfo, SignalSummary, TopicInfo, info};
 pub use log::{Log, Messages};
 pub use log_file::{AttachedFile, Damage, Ending, Topic};
-pub use mapping::{MapError, Mapping, MissingSource, Source, Unreadable};
+pub use mapping::{MapError, Mapping, MissingSource, Source, Unreadable, split_unit};
 pub use missing_mark::MissingMark;
 pub use multi::MultiError;
 pub use named_schema::named_schema;

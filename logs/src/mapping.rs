@@ -148,14 +148,20 @@ impl FromStr for Mapping {
     }
 }
 
-/// Splits `name[unit]`. Digits in the brackets are an index, not a unit.
-pub(crate) fn split_unit(text: &str) -> (&str, Option<&str>) {
+/// Splits `name[unit]`, or `name (unit)` as test stands and spreadsheets write it. Digits in square brackets are an index, not
+/// a unit; what is no known unit in round ones is a part of the name.
+pub fn split_unit(text: &str) -> (&str, Option<&str>) {
     let split = || {
         let (name, unit) = text.strip_suffix(']')?.rsplit_once('[')?;
         let index = !unit.is_empty() && unit.bytes().all(|b| b.is_ascii_digit());
         (!index && !name.is_empty()).then(|| (name.trim_end(), unit.trim()))
     };
-    split().map_or((text, None), |(name, unit)| (name, Some(unit)))
+    let in_round_brackets = || {
+        let (name, unit) = text.strip_suffix(')')?.rsplit_once('(')?;
+        let known = !unit.trim().is_empty() && unit.parse::<Unit>().is_ok();
+        (known && !name.trim().is_empty()).then(|| (name.trim_end(), unit.trim()))
+    };
+    split().or_else(in_round_brackets).map_or((text, None), |(name, unit)| (name, Some(unit)))
 }
 
 impl Mapping {
@@ -266,6 +272,8 @@ mod tests {
         assert!(all[0].unit.is_si() && !all[1].unit.is_si());
         assert!(matches!(resolved(&["a=/att.q[1]"]), Err(MapError::Missing(_))));
         assert_eq!(split_unit("q[2]"), ("q[2]", None));
+        assert_eq!(split_unit("Motor Optical Speed (rad/s)"), ("Motor Optical Speed", Some("rad/s")));
+        assert_eq!(split_unit("acc x (IMU)"), ("acc x (IMU)", None));
         assert_eq!(split_unit("q[2][deg]"), ("q[2]", Some("deg")));
     }
 

@@ -56,17 +56,7 @@ pub fn words(name: &str) -> Vec<String> {
 
 /// A source without its unit in brackets.
 pub fn bare(source: &str) -> &str {
-    split_unit(source).0
-}
-
-/// Splits `name[unit]`; digits in the brackets are an index.
-pub fn split_unit(text: &str) -> (&str, Option<&str>) {
-    let split = || {
-        let (name, unit) = text.strip_suffix(']')?.rsplit_once('[')?;
-        let index = !unit.is_empty() && unit.bytes().all(|b| b.is_ascii_digit());
-        (!index && !name.is_empty()).then_some((name, unit))
-    };
-    split().map_or((text, None), |(name, unit)| (name, Some(unit)))
+    whirlstand_logs::split_unit(source).0
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ use whirlstand_logs::{
 };
 
 use super::error::DraftError;
-use super::names::split_unit;
 use super::proposal::{Chosen, Offered};
 
 /// A log whose signals were listed.
@@ -64,7 +63,7 @@ fn signals_of(log: &LogInfo) -> Vec<Offered> {
     let topic = |topic: &TopicInfo| {
         let rate = rate_hz(topic);
         let one = move |signal: &String| {
-            let (name, unit) = split_unit(signal);
+            let (name, unit) = whirlstand_logs::split_unit(signal);
             Offered { name: name.into(), unit: unit.map(Into::into), rate_hz: Some(rate), largest: None }
         };
         topic.signals.iter().map(one).collect::<Vec<_>>()

@@ -61,6 +61,10 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
         return Err(CsvError::Columns { path: path.into(), found: heads.len() });
     }
     let heads: Vec<String> = heads.iter().map(str::to_string).collect();
+    let is_number = |head: &String| head.split_ascii_whitespace().all(|cell| cell.parse::<f64>().is_ok());
+    if let Some(first) = heads.first().filter(|first| !first.is_empty() && heads.iter().all(is_number)) {
+        return Err(CsvError::NoHeader { path: path.into(), first: excerpt(first) });
+    }
     let columns = Columns::new(path, &heads, mappings)?;
 
     let mut time = Vec::new();

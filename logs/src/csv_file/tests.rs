@@ -30,6 +30,11 @@ fn time_may_be_samples_or_another_column() {
     assert_eq!(record.names(), ["roll"]);
     // A head as spreadsheets and plotting programs write it; without a unit it is ambiguous.
     assert_eq!(parse("Time [ms],y\n0,1\n1,2\n", &[]).unwrap().time, [0.0, 1e-3]);
+    let record =
+        parse("Time (ms),Motor Speed (deg/s),acc (IMU)\n0,180,1\n1,0,2\n", &["w=Motor Speed (deg/s)"]);
+    let record = record.unwrap();
+    assert_eq!((record.time[1], record.get("w").unwrap().values[0]), (1e-3, std::f64::consts::PI));
+    assert!(record.get("acc (IMU)").is_some());
     assert!(parse("time,y\n0,1\n1,2\n", &[]).is_err());
     // Or as programs that write tables do.
     for (head, period) in [("t_s", 1.0), ("time_ms", 1e-3), ("timestamp_us", 1e-6), ("Timestamp[us]", 1e-6)] {
@@ -104,6 +109,10 @@ fn errors_name_file_line_and_column() {
         (
             "time,y\n0,1\n",
             "flight.csv, line 1: the first column is 'time', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of 'time', 'y'",
+        ),
+        (
+            "0.0,1,-2e3\n0.1,2,3\n",
+            "flight.csv, line 1: '0.0' is a number where the name of a column is expected: the table has no header. Add a first line with a name for each column, such as `t,u_roll,roll_rate[deg/s]`, with commas, semicolons or tabs between them; `t[samples]` where rows are only counted",
         ),
         ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
         (
