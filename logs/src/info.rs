@@ -299,7 +299,7 @@ fn record_info(path: &Path, record: &Record) -> LogInfo {
             .unreadable()
             .iter()
             .map(|u| format!("left out: {u}"))
-            .chain(record.repeated_times_remark())
+            .chain(record.left_out_rows().remarks())
             .collect(),
         ..empty(path, "csv")
     }

@@ -4,6 +4,7 @@
 use serde::Serialize;
 use whirlstand_msgs::units::Unit;
 
+use crate::left_out_rows::LeftOutRows;
 use crate::mapping::{MapError, Mapping, Source, Unreadable, resolve};
 use crate::missing_mark::{MissingMark, take_out};
 pub use crate::record_error::{RecordError, SignalError};
@@ -37,7 +38,7 @@ pub struct Record {
     #[serde(skip)]
     missing_marks: Vec<MissingMark>,
     #[serde(skip)]
-    repeated_times: usize,
+    left_out_rows: LeftOutRows,
 }
 
 impl Record {
@@ -60,7 +61,7 @@ impl Record {
                 signals: Vec::new(),
                 unreadable: Vec::new(),
                 missing_marks: Vec::new(),
-                repeated_times: 0,
+                left_out_rows: LeftOutRows::default(),
             }),
         }
     }
@@ -156,16 +157,14 @@ impl Record {
         &self.missing_marks
     }
 
-    /// How many rows of the file are left out because the row after them has other values at the same time, in words, if any.
-    pub fn repeated_times_remark(&self) -> Option<String> {
-        let rows = self.repeated_times;
-        (rows > 0)
-            .then(|| format!("rows left out because the row after has other values at the same time: {rows}"))
+    /// Rows of the file that are left out.
+    pub fn left_out_rows(&self) -> LeftOutRows {
+        self.left_out_rows
     }
 
-    /// Stores how many rows are left out so.
-    pub(crate) fn with_repeated_times(mut self, rows: usize) -> Self {
-        self.repeated_times = rows;
+    /// Stores which rows are left out.
+    pub(crate) fn with_left_out_rows(mut self, rows: LeftOutRows) -> Self {
+        self.left_out_rows = rows;
         self
     }
 
@@ -245,7 +244,7 @@ impl Record {
         let end = self.time.last().map_or(begins, |last| last + pause_s);
         self.time.extend(next.time.iter().map(|t| end + (t - begins)));
         self.origin = format!("{}, {}", self.origin, next.origin);
-        self.repeated_times += next.repeated_times;
+        self.left_out_rows += next.left_out_rows;
         for mark in &next.missing_marks {
             match self.missing_marks.iter_mut().find(|own| own.name == mark.name && own.mark == mark.mark) {
                 Some(own) => own.cells += mark.cells,
@@ -277,7 +276,7 @@ impl Record {
                 .collect(),
             unreadable: self.unreadable.clone(),
             missing_marks: self.missing_marks.clone(),
-            repeated_times: self.repeated_times,
+            left_out_rows: self.left_out_rows,
         }
     }
 
@@ -291,7 +290,7 @@ impl Record {
             signals,
             unreadable: Vec::new(),
             missing_marks: self.missing_marks.iter().filter(|m| names.contains(&m.name)).cloned().collect(),
-            repeated_times: self.repeated_times,
+            left_out_rows: self.left_out_rows,
             time: self.time.clone(),
             whole_from: self.whole_from,
             origin: self.origin.clone(),

@@ -86,7 +86,7 @@ pub fn finish(
             .missing_marks()
             .iter()
             .map(ToString::to_string)
-            .chain(record.repeated_times_remark())
+            .chain(record.left_out_rows().remarks())
             .collect(),
         flown: flown.first().filter(|_| logs.len() == 1).map(|flown| flown.part),
         flown_in: if logs.len() == 1 { Vec::new() } else { flown.clone() },

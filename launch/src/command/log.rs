@@ -56,7 +56,7 @@ pub(crate) fn read(path: &Path, map: &[String]) -> Result<Record, Failure> {
 
 /// Prints which rows were left out, and which numbers of these signals stood for missing values.
 fn tell_missing(record: &Record, is_used: impl Fn(&str) -> bool) {
-    if let Some(remark) = record.repeated_times_remark() {
+    for remark in record.left_out_rows().remarks() {
         style::say(&format!("{}: {remark}", record.origin));
     }
     for mark in record.missing_marks().iter().filter(|mark| is_used(&mark.name)) {

@@ -68,6 +68,20 @@ pub enum CsvError {
         /// What is wrong.
         reason: String,
     },
+    /// Most rows have no time.
+    #[error(
+        "{path}: {untimed} of {rows} rows have no time in column '{name}'; choose another column (--map t=COLUMN[unit])"
+    )]
+    Untimed {
+        /// The file.
+        path: PathBuf,
+        /// Head of the column.
+        name: String,
+        /// Rows without a time.
+        untimed: usize,
+        /// All rows.
+        rows: usize,
+    },
     /// A cell is not a number.
     #[error(
         "{path}, line {line}, column {column} ({name}): '{found}' is not a finite number; leave the cell empty for a gap"

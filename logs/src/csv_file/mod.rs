@@ -1,7 +1,7 @@
 //! CSV files: first column `t` in s or `t[unit]`, heads `name` or `name[unit]`, empty cells and `NaN` for gaps.
 //!
 //! Lines that begin with `#` are comments. A semicolon or a tab is accepted as the separator as well as a comma,
-//! according to the header line.
+//! according to the header line; numbers may then have a decimal comma.
 
 mod bounded;
 mod error;
@@ -18,6 +18,7 @@ use whirlstand_msgs::units::Unit;
 use self::bounded::{Allowance, Bounded, GREATEST, LONGEST_LINE, MOST_COLUMNS};
 pub use self::error::CsvError;
 pub use self::write::{format_csv, write_csv};
+use crate::left_out_rows::LeftOutRows;
 use crate::mapping::{Mapping, Selected, Source, Unreadable, resolve, split_unit};
 use crate::record::Record;
 
@@ -51,7 +52,8 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
         .comment(Some(b'#'))
         .trim(Trim::Headers)
         .buffer_capacity(1 << 16)
-        .from_reader(Bounded::new(input, &allowance));
+        // A comment at the end would be a row if its line had no end.
+        .from_reader(Bounded::new(input.chain(&b"\n"[..]), &allowance));
     let failed = |error: csv::Error, line: u64| match allowance.is_used_up() {
         true => CsvError::Long { path: path.into(), line },
         false => line_error(path, error),
@@ -72,7 +74,8 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
     // A column of text that is not requested by name causes no error.
     let mut unreadable: Vec<Option<CsvError>> = columns.signals.iter().map(|_| None).collect();
     let mut row = ByteRecord::new();
-    let (mut before, mut repeated) = (f64::NEG_INFINITY, 0);
+    let (mut before, mut left_out) = (f64::NEG_INFINITY, LeftOutRows::default());
+    let parse = if delimiter == b',' { number } else { number_with_decimal_comma };
     loop {
         allowance.renew();
         let more = reader.read_byte_record(&mut row);
@@ -80,11 +83,11 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
         if !more.map_err(|e| failed(e, line))? {
             break;
         }
-        let cell = |index: usize| number(&row[index]).map_err(|wrong| wrong.at(path, line, index, &heads));
+        let cell = |index: usize| parse(&row[index]).map_err(|wrong| wrong.at(path, line, index, &heads));
         let t = cell(columns.time)?;
         if t.is_nan() {
-            let reason = format!("there is no time in column {}", columns.time + 1);
-            return Err(CsvError::Line { path: path.into(), line, reason });
+            left_out.untimed += 1;
+            continue;
         }
         if t < before {
             return Err(CsvError::Time { path: path.into(), line, before, found: t });
@@ -106,15 +109,20 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
                 Err(error) => unreadable[i] = Some(error),
             }
         }
-        repeated += usize::from(replaces);
+        left_out.repeated += usize::from(replaces);
     }
+    let LeftOutRows { repeated, untimed } = left_out;
     if repeated > time.len() {
         return Err(CsvError::CoarseTime { path: path.into(), repeated, rows: repeated + time.len() });
+    }
+    if untimed > time.len() {
+        let name = excerpt(&heads[columns.time]);
+        return Err(CsvError::Untimed { path: path.into(), name, untimed, rows: untimed + time.len() });
     }
     // Growing vectors reserve up to twice the memory that they use.
     time.shrink_to_fit();
     values.iter_mut().for_each(Vec::shrink_to_fit);
-    Ok(columns.record(path, &heads, time, values, unreadable)?.with_repeated_times(repeated))
+    Ok(columns.record(path, &heads, time, values, unreadable)?.with_left_out_rows(left_out))
 }
 
 /// Adds a value of a row to those of its signal; in a row at the time of the row before, a value takes the place of that
@@ -198,9 +206,11 @@ impl Columns {
         }
         let (of_time, of_signals): (Vec<_>, Vec<_>) = mappings.iter().cloned().partition(|m| m.name == "t");
         let mapped = resolve(&offered, &of_time, false, &origin)?.0.first().map(|m| (m.source, m.unit));
-        let (time, time_unit) = match (mapped, offered.first().and_then(time_mapping)) {
+        let (time, time_unit) = match (mapped, named_time(&offered)) {
             (Some(mapped), _) => mapped,
-            (None, Some(named)) => (0, resolve(&offered, &[named.parse()?], false, &origin)?.0[0].unit),
+            (None, Some((at, named))) => {
+                (at, resolve(&offered, &[named.parse()?], false, &origin)?.0[0].unit)
+            }
             (None, None) => {
                 let found = excerpt(heads.first().map_or("", String::as_str));
                 let heads: Vec<String> = heads.iter().map(|head| excerpt(head)).collect();
@@ -230,6 +240,13 @@ impl Columns {
         }));
         Ok(Self { time, time_unit, sources, signals, mapped: of_signals.len(), unreadable })
     }
+}
+
+/// The column that is the time by its name, with its mapping: the first, or the only one.
+fn named_time(offered: &[Source]) -> Option<(usize, String)> {
+    let mut named = offered.iter().enumerate().filter_map(|(at, source)| Some((at, time_mapping(source)?)));
+    let first = named.next()?;
+    (first.0 == 0 || named.next().is_none()).then_some(first)
 }
 
 /// The mapping of a column that is the time by its name: `t`, or a usual name with a unit, which may be its ending, as in
@@ -281,6 +298,19 @@ fn number(cell: &[u8]) -> Result<f64, WrongCell> {
         Some(value) if value.is_nan() || value.abs() <= GREATEST => Ok(value),
         Some(value) if value.is_finite() => Err(WrongCell::TooGreat(value)),
         _ => Err(WrongCell::NoNumber(excerpt(&String::from_utf8_lossy(cell)))),
+    }
+}
+
+/// As [`number`], of a table whose cells are not separated by commas.
+fn number_with_decimal_comma(cell: &[u8]) -> Result<f64, WrongCell> {
+    match cell.iter().position(|b| *b == b',') {
+        Some(at) if !cell.contains(&b'.') => {
+            let mut pointed = cell.to_vec();
+            pointed[at] = b'.';
+            number(&pointed)
+                .map_err(|_| WrongCell::NoNumber(excerpt(&String::from_utf8_lossy(cell.trim_ascii()))))
+        }
+        _ => number(cell),
     }
 }
 

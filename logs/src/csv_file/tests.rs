@@ -49,6 +49,27 @@ fn time_may_be_samples_or_another_column() {
 fn other_separators_and_byte_order_marks_are_read() {
     assert_eq!(parse("\u{feff}t;y\n0;1\n", &[]).unwrap().names(), ["y"]);
     assert_eq!(parse("t\ty\n0\t1\n", &[]).unwrap().names(), ["y"]);
+    // As spreadsheets write numbers where the comma is the decimal point.
+    let record = parse("t;y;z\n-0,4;1,5;2.5\n0;-1e-1;\n", &[]).unwrap();
+    assert_eq!((record.time[0], record.get("y").unwrap().values[0]), (-0.4, 1.5));
+    assert_eq!(record.get("z").unwrap().values[0], 2.5);
+    assert!(parse("t;y\n0;1,000,5\n", &["u=y"]).unwrap_err().to_string().contains("'1,000,5'"));
+}
+
+/// As logs are written whose clock is set only after their first rows, or whose last line is a comment.
+#[test]
+fn rows_without_a_time_and_comments_at_the_end_are_left_out() {
+    let record = parse("t,y\n,1\n0,2\n1,3\n\n# a\n# b, c", &[]).unwrap();
+    assert_eq!((record.time.len(), record.get("y").unwrap().values[0]), (2, 2.0));
+    assert_eq!(record.left_out_rows().remarks(), ["rows left out because they have no time: 1"]);
+}
+
+/// As the tables that are made of the logs of flight controllers.
+#[test]
+fn the_only_column_that_is_a_time_by_its_name_may_stand_anywhere() {
+    let record = parse("loopIteration, time (us), gyro[0]\n0, 1000000, 1\n1, 1000500, 2\n", &[]).unwrap();
+    assert_eq!(record.time, [1.0, 1.0005]);
+    assert!(parse("n,time (us),time_ms\n0,1,2\n", &[]).is_err());
 }
 
 /// A mode in words, an unknown unit and a duplicate name do not affect a user who asks for other columns.
@@ -90,13 +111,13 @@ fn rows_at_the_same_time_are_one() {
     let record = parse("t,y,note\n0,1,x\n1,2,x\n1,3,x\n2,4,x\n2,4,x\n", &[]).unwrap();
     assert_eq!(record.time, [0.0, 1.0, 2.0]);
     assert_eq!(record.get("y").unwrap().values, [1.0, 3.0, 4.0], "the later value holds");
-    let told = record.between(0.5, 2.0).repeated_times_remark().unwrap();
-    assert_eq!(told, "rows left out because the row after has other values at the same time: 1");
+    let told = record.between(0.5, 2.0).left_out_rows().remarks();
+    assert_eq!(told, ["rows left out because the row after has other values at the same time: 1"]);
     let record = parse("t,y,z\n0,1,\n0,,5\n1,2,\n1,,6\n1,,\n", &[]).unwrap();
     assert_eq!(record.time, [0.0, 1.0]);
     let values = ["y", "z"].map(|name| record.get(name).unwrap().values.clone());
     assert_eq!(values, [[1.0, 2.0], [5.0, 6.0]], "nothing is lost");
-    assert_eq!(record.repeated_times_remark(), None);
+    assert!(record.left_out_rows().remarks().is_empty());
 }
 
 #[test]
@@ -123,7 +144,10 @@ fn errors_name_file_line_and_column() {
             "t,y\n0,1\n0,2\n0,3\n",
             "flight.csv: 2 of 3 rows have other values at the time of the row before; the time column is too coarse, use another one or, for rows at a constant rate, one that counts them (--map t=COLUMN[samples])",
         ),
-        ("t,y\n,1\n", "flight.csv, line 2: there is no time in column 1"),
+        (
+            "t,y\n,1\n",
+            "flight.csv: 1 of 1 rows have no time in column 't'; choose another column (--map t=COLUMN[unit])",
+        ),
         ("t,y\n0,1,2\n", "flight.csv, line 2: 3 cells, but the header has 2 columns"),
     ];
     for (text, expected) in cases {
