@@ -27,12 +27,14 @@ const LIMIT_ROOM: f64 = 0.1;
 const SAME_MOTION: f64 = 0.7;
 
 /// Options of a draft.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Names {
     /// Signals chosen by the user.
     pub choice: Choice,
     /// Name of the time column of a CSV, as in `--map t=`.
     pub time: Option<String>,
+    /// Time between two rows of a record that counts them, s.
+    pub period_s: Option<f64>,
     /// Name of the vehicle; by default that of the log without its extension.
     pub vehicle: Option<String>,
     /// SHA-256 of each log, for the file's provenance; empty for none.

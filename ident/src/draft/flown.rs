@@ -1,6 +1,7 @@
 //! The part of a record in which a vehicle flies: a log begins and ends on the ground, with the motors off.
 
 use serde::Serialize;
+use whirlstand_logs::stats::{mean, rms, white_noise_std};
 use whirlstand_logs::{Record, SignalError};
 
 use super::proposal::Chosen;
@@ -10,6 +11,8 @@ const REST_S: f64 = 2.0;
 /// Time between the first or last turn of a motor and free flight, s: a small vehicle spools up and lifts off, or touches
 /// down and comes to rest, within about a second, and meanwhile the ground moves it.
 const CONTACT_S: f64 = 1.0;
+/// Share of the motion that an output has while the inputs move, below which it is still. Definition.
+const STILL_SHARE: f64 = 0.1;
 /// Share of its range within which an input does not change.
 const CONSTANT_SHARE: f64 = 1e-3;
 
@@ -23,9 +26,14 @@ pub struct Flown {
 }
 
 impl Flown {
-    /// Finds the flight between two rests of all inputs, of which one at least is then at its lowest, as a motor that is
-    /// off. An end that was `chosen` is kept. `None` where the whole record is used.
-    pub fn find(record: &Record, inputs: &[Chosen], chosen: (bool, bool)) -> Option<Self> {
+    /// Finds the flight between two rests of all inputs and outputs, in which one input at least is at its lowest, as a motor
+    /// that is off: what still swings when its motor is off does not stand on the ground. An end that was `chosen` is kept.
+    /// `None` where the whole record is used.
+    pub fn find(
+        record: &Record,
+        (inputs, outputs): (&[Chosen], &[Chosen]),
+        chosen: (bool, bool),
+    ) -> Option<Self> {
         let of = |input: &Chosen| {
             let values = &record.get(&input.name)?.values;
             Some(record.time.iter().copied().zip(values.iter().copied()).filter(|(_, v)| v.is_finite()))
@@ -41,8 +49,13 @@ impl Flown {
         let ends = backwards.iter().map(|r| r.until_s).fold(f64::NEG_INFINITY, f64::max);
         let off = |rests: &[Rest]| rests.iter().any(|r| r.is_lowest);
         let (first, last) = (*record.time.first()?, *record.time.last()?);
-        let from_s = (!chosen.0 && off(&forwards) && begins - first >= REST_S).then_some(begins + CONTACT_S);
-        let to_s = (!chosen.1 && off(&backwards) && last - ends >= REST_S).then_some(ends - CONTACT_S);
+        let still = |from: f64, to: f64| {
+            outputs.iter().all(|output| is_still(record, output, (from, to), (begins, ends)))
+        };
+        let from_s = (!chosen.0 && off(&forwards) && begins - first >= REST_S && still(first, begins))
+            .then_some(begins + CONTACT_S);
+        let to_s = (!chosen.1 && off(&backwards) && last - ends >= REST_S && still(last - REST_S, last))
+            .then_some(ends - CONTACT_S);
         let length = to_s.unwrap_or(last) - from_s.unwrap_or(first);
         (from_s.is_some() || to_s.is_some())
             .then_some(Self { from_s, to_s })
@@ -68,6 +81,23 @@ impl Flown {
             end("to", self.to_s)
         )
     }
+}
+
+/// True where an output shows its noise and little of the motion that it has while the inputs move.
+fn is_still(record: &Record, output: &Chosen, rest: (f64, f64), moved: (f64, f64)) -> bool {
+    let Some(signal) = record.get(&output.name) else { return true };
+    let within = |(from, to): (f64, f64)| -> Vec<f64> {
+        let at =
+            record.time.iter().zip(&signal.values).filter(|(t, v)| (from..=to).contains(*t) && v.is_finite());
+        at.map(|(_, v)| *v).collect()
+    };
+    let spread = |values: &[f64]| {
+        let level = mean(values);
+        rms(&values.iter().map(|v| v - level).collect::<Vec<_>>())
+    };
+    let resting = within(rest);
+    resting.len() < 2
+        || spread(&resting) <= (STILL_SHARE * spread(&within(moved))).max(2.0 * white_noise_std(&resting))
 }
 
 /// The part of one of several logs in which the vehicle flies.
@@ -117,7 +147,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// Puts the flights of several logs one after the other, without what lies before take-off and after landing, unless that
+    /// Puts the flights of several logs, of which `signals` are the inputs and the outputs, one after the other, without what lies before take-off and after landing, unless that
     /// end was `chosen`. The pause between two is as long as all flights together: no band of an input reaches
     /// over it, so that no prediction continues from one log into the next. `None` without a log.
     ///
@@ -125,11 +155,11 @@ impl Flight {
     /// When a log lacks a signal of the first.
     pub fn of(
         records: Vec<Record>,
-        inputs: &[Chosen],
+        signals: (&[Chosen], &[Chosen]),
         chosen: (bool, bool),
     ) -> Result<Option<Self>, SignalError> {
         let mut flown = Vec::new();
-        let parts = records.into_iter().map(|record| match Flown::find(&record, inputs, chosen) {
+        let parts = records.into_iter().map(|record| match Flown::find(&record, signals, chosen) {
             Some(part) => {
                 flown.push(FlownIn { log: record.origin.clone(), part });
                 record.between(part.from_s.unwrap_or(f64::NEG_INFINITY), part.to_s.unwrap_or(f64::INFINITY))
@@ -157,10 +187,14 @@ mod tests {
         record
     }
 
+    fn signal(name: &str) -> Chosen {
+        Chosen { name: name.into(), source: name.into(), interval_s: None, why: String::new() }
+    }
+
     fn found(record: &Record, chosen: (bool, bool)) -> Option<(Option<f64>, Option<f64>)> {
-        let input = Chosen { name: "u".into(), source: "u".into(), interval_s: None, why: String::new() };
         let rounded = |at: f64| (at * 10.0).round() / 10.0;
-        Flown::find(record, &[input], chosen).map(|f| (f.from_s.map(rounded), f.to_s.map(rounded)))
+        Flown::find(record, (&[signal("u")], &[signal("y")]), chosen)
+            .map(|f| (f.from_s.map(rounded), f.to_s.map(rounded)))
     }
 
     #[test]
@@ -174,11 +208,25 @@ mod tests {
         assert_eq!(found(&flight(3.0, 0.5), (false, false)), None);
     }
 
+    /// The crane of a stand after a push: most of what its record shows is how it swings when the motor is off.
+    #[test]
+    fn what_still_swings_with_the_motor_off_is_not_on_the_ground() {
+        let with_output = |at: &dyn Fn(f64) -> f64| {
+            let mut record = flight(0.0, 0.0);
+            let values = record.time.iter().map(|t| at(*t)).collect();
+            record.push("y", "", values).unwrap();
+            record
+        };
+        let swinging = with_output(&|t| (6.0 * t).sin() * (-0.01 * t).exp());
+        assert_eq!(found(&swinging, (false, false)), None);
+        let settled = with_output(&|t| if t < 17.0 { (6.0 * t).sin() } else { 0.01 * (6.0 * t).sin() });
+        assert_eq!(found(&settled, (false, false)), Some((None, Some(16.0))));
+    }
+
     #[test]
     fn several_flights_follow_each_other_without_the_ground_between_them() {
-        let input = Chosen { name: "u".into(), source: "u".into(), interval_s: None, why: String::new() };
         let records = vec![flight(3.0, 0.0), flight(0.0, 0.5), flight(0.0, 0.0)];
-        let all = Flight::of(records, &[input], (false, false)).unwrap().unwrap();
+        let all = Flight::of(records, (&[signal("u")], &[]), (false, false)).unwrap().unwrap();
         // 12 s of the first, all 20 s of the second, 16 s of the third, and pauses as long as all of them.
         assert!((all.record.duration() - 3.0 * 48.0).abs() < 0.1, "{}", all.record.duration());
         let parts: Vec<(bool, bool)> =
@@ -189,6 +237,6 @@ mod tests {
             "{}",
             all.flown[0].sentence()
         );
-        assert!(Flight::of(Vec::new(), &[], (false, false)).unwrap().is_none());
+        assert!(Flight::of(Vec::new(), (&[], &[]), (false, false)).unwrap().is_none());
     }
 }

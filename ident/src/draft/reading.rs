@@ -88,19 +88,22 @@ fn mappings(chosen: &[&Chosen], time: Option<&str>) -> Result<Vec<Mapping>, Draf
         .collect()
 }
 
-/// Reads the chosen signals, in the part of the log between two times.
+/// Reads the chosen signals, in the part of the log between two times; rows that are only counted are `period_s` apart.
 ///
 /// # Errors
 /// [`DraftError::Read`].
 pub fn read_chosen(
     path: &Path,
     chosen: &[&Chosen],
-    time: Option<&str>,
+    (time, period_s): (Option<&str>, Option<f64>),
     (from, to): (Option<f64>, Option<f64>),
 ) -> Result<Record, DraftError> {
     let record = read(path, &mappings(chosen, time)?)?;
     let names: Vec<String> = chosen.iter().map(|c| c.name.clone()).collect();
-    let record = record.only(&names).map_err(AnyReadError::from)?;
+    let mut record = record.only(&names).map_err(AnyReadError::from)?;
+    if let Some(period_s) = period_s.filter(|_| record.time_unit == "samples") {
+        record = record.with_sample_period(period_s);
+    }
     let whole = (from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY));
     Ok(if from.is_some() || to.is_some() { record.between(whole.0, whole.1) } else { record })
 }
@@ -196,7 +199,7 @@ mod tests {
         assert_eq!(log.offered[1].unit.as_deref(), Some("rad/s"));
         let chosen =
             Chosen { name: "roll_rate".into(), source: "p".into(), interval_s: None, why: String::new() };
-        let record = read_chosen(&path, &[&chosen], None, (Some(0.05), None)).unwrap();
+        let record = read_chosen(&path, &[&chosen], (None, None), (Some(0.05), None)).unwrap();
         assert_eq!(record.names(), ["roll_rate"]);
         assert_eq!(record.len(), 2);
     }

@@ -71,7 +71,7 @@ fn from_proposal<P: AsRef<Path>>(
     part: (Option<f64>, Option<f64>),
     observe: &(dyn Fn(&str) + Sync),
 ) -> Result<Draft, DraftError> {
-    let time = names.time.as_deref();
+    let time = (names.time.as_deref(), names.period_s);
     let mut refused = None;
     for group in &proposal.inputs {
         let chosen: Vec<&Chosen> = group.iter().chain(&proposal.outputs).chain(&proposal.motors).collect();
@@ -83,7 +83,8 @@ fn from_proposal<P: AsRef<Path>>(
             continue;
         }
         let ends_chosen = (part.0.is_some(), part.1.is_some());
-        let flight = Flight::of(records, &inputs, ends_chosen).map_err(AnyReadError::from)?;
+        let flight =
+            Flight::of(records, (&inputs, &proposal.outputs), ends_chosen).map_err(AnyReadError::from)?;
         let Some(flight) = flight else { continue };
         match from_inputs((logs, names), proposal, (inputs, &flight), observe) {
             // A log may hold what was asked of the vehicle and what its motors did: where one explains nothing, the

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::JsonArg;
-use super::quantity::{hertz, moment};
+use super::quantity::{hertz, moment, seconds};
 
 /// Design a control law: gains, closed-loop poles and margins.
 #[derive(Debug, Args)]
@@ -116,6 +116,10 @@ pub(crate) struct VehicleNewArgs {
     /// The time column of a CSV whose first column is not t, as COLUMN[unit].
     #[arg(long, value_name = "COLUMN")]
     pub time: Option<String>,
+    /// Time between two rows of a CSV that counts them (t[samples], or --time '#[samples]' where it has no such column), in
+    /// seconds or with a unit.
+    #[arg(long, value_name = "TIME", value_parser = seconds)]
+    pub period: Option<f64>,
     /// Start of the part to use, by the record's clock, in seconds or with a unit.
     #[arg(long, value_name = "TIME", value_parser = moment, allow_negative_numbers = true)]
     pub from: Option<f64>,

@@ -24,6 +24,7 @@ pub(crate) fn vehicle_new(args: &VehicleNewArgs) -> Result<(), Failure> {
     let names = Names {
         choice: Choice { inputs: args.input.clone(), outputs: args.measure.clone() },
         time: args.time.clone(),
+        period_s: args.period,
         vehicle: stem.map(|stem| stem.to_string_lossy().into_owned()),
         sha256: args.logs.iter().map(|log| hash(log)).collect::<Result<_, _>>()?,
     };

@@ -19,7 +19,7 @@ pub enum CsvError {
     },
     /// The header line is missing, or has no time column.
     #[error(
-        "{path}, line 1: the first column is '{found}', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of {columns}"
+        "{path}, line 1: the first column is '{found}', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of {columns}; t=#[samples] counts the rows, and --period tells the time between them"
     )]
     NoTime {
         /// The file.

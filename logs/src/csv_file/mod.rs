@@ -12,7 +12,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-use csv::{ByteRecord, ReaderBuilder, Trim};
+use csv::{ByteRecord, ReaderBuilder, StringRecord, Trim};
 use whirlstand_msgs::units::Unit;
 
 use self::bounded::{Allowance, Bounded, GREATEST, LONGEST_LINE, MOST_COLUMNS};
@@ -24,6 +24,8 @@ use crate::record::Record;
 
 /// Most characters of a cell that a message quotes.
 const SHOWN: usize = 40;
+/// Source of the time in a mapping of a table that has no column for it: its rows are counted.
+const ROW_NUMBER: &str = "#";
 /// Largest number of columns that an error lists.
 const COLUMNS_TOLD: usize = 12;
 
@@ -58,15 +60,7 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
         true => CsvError::Long { path: path.into(), line },
         false => line_error(path, error),
     };
-    let heads = reader.headers().map_err(|e| failed(e, 1))?;
-    if heads.len() > MOST_COLUMNS {
-        return Err(CsvError::Columns { path: path.into(), found: heads.len() });
-    }
-    let heads: Vec<String> = heads.iter().map(str::to_string).collect();
-    let is_number = |head: &String| head.split_ascii_whitespace().all(|cell| cell.parse::<f64>().is_ok());
-    if let Some(first) = heads.first().filter(|first| !first.is_empty() && heads.iter().all(is_number)) {
-        return Err(CsvError::NoHeader { path: path.into(), first: excerpt(first) });
-    }
+    let heads = heads(path, reader.headers().map_err(|e| failed(e, 1))?)?;
     let columns = Columns::new(path, &heads, mappings)?;
 
     let mut time = Vec::new();
@@ -84,7 +78,7 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
             break;
         }
         let cell = |index: usize| parse(&row[index]).map_err(|wrong| wrong.at(path, line, index, &heads));
-        let t = cell(columns.time)?;
+        let t = columns.time.map_or(Ok((time.len() + left_out.untimed) as f64), cell)?;
         if t.is_nan() {
             left_out.untimed += 1;
             continue;
@@ -116,13 +110,25 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
         return Err(CsvError::CoarseTime { path: path.into(), repeated, rows: repeated + time.len() });
     }
     if untimed > time.len() {
-        let name = excerpt(&heads[columns.time]);
+        let name = columns.time.map_or_else(String::new, |at| excerpt(&heads[at]));
         return Err(CsvError::Untimed { path: path.into(), name, untimed, rows: untimed + time.len() });
     }
     // Growing vectors reserve up to twice the memory that they use.
     time.shrink_to_fit();
     values.iter_mut().for_each(Vec::shrink_to_fit);
     Ok(columns.record(path, &heads, time, values, unreadable)?.with_left_out_rows(left_out))
+}
+
+/// The names of the columns.
+fn heads(path: &Path, line: &StringRecord) -> Result<Vec<String>, CsvError> {
+    if line.len() > MOST_COLUMNS {
+        return Err(CsvError::Columns { path: path.into(), found: line.len() });
+    }
+    let is_number = |head: &str| head.split_ascii_whitespace().all(|cell| cell.parse::<f64>().is_ok());
+    match line.get(0).filter(|first| !first.is_empty() && line.iter().all(is_number)) {
+        Some(first) => Err(CsvError::NoHeader { path: path.into(), first: excerpt(first) }),
+        None => Ok(line.iter().map(str::to_string).collect()),
+    }
 }
 
 /// Adds a value of a row to those of its signal; in a row at the time of the row before, a value takes the place of that
@@ -144,7 +150,8 @@ fn put(values: &mut Vec<f64>, value: f64, is_same_time: bool) -> bool {
 
 /// Contents of the header line.
 struct Columns {
-    time: usize,
+    /// Column index of the time; `None` where the rows are counted.
+    time: Option<usize>,
     time_unit: Unit,
     /// Column index of each source.
     sources: Vec<usize>,
@@ -205,13 +212,9 @@ impl Columns {
             }
         }
         let (of_time, of_signals): (Vec<_>, Vec<_>) = mappings.iter().cloned().partition(|m| m.name == "t");
-        let mapped = resolve(&offered, &of_time, false, &origin)?.0.first().map(|m| (m.source, m.unit));
-        let (time, time_unit) = match (mapped, named_time(&offered)) {
-            (Some(mapped), _) => mapped,
-            (None, Some((at, named))) => {
-                (at, resolve(&offered, &[named.parse()?], false, &origin)?.0[0].unit)
-            }
-            (None, None) => {
+        let (time, time_unit) = match time_column(&offered, of_time, &origin)? {
+            Some(found) => found,
+            None => {
                 let found = excerpt(heads.first().map_or("", String::as_str));
                 let heads: Vec<String> = heads.iter().map(|head| excerpt(head)).collect();
                 let listed = heads.iter().take(COLUMNS_TOLD).map(|head| format!("'{head}'"));
@@ -230,7 +233,7 @@ impl Columns {
             let unit = time_unit.si_symbol();
             return Err(CsvError::TimeUnit { path: path.into(), unit });
         }
-        let once = |i: &usize| *i != time && !twice.contains(&offered[*i].name);
+        let once = |i: &usize| Some(*i) != time && !twice.contains(&offered[*i].name);
         let sources: Vec<usize> = (0..heads.len()).filter(once).collect();
         let rest: Vec<Source> = sources.iter().map(|i| offered[*i].clone()).collect();
         let (signals, mut unreadable) = resolve(&rest, &of_signals, true, &origin)?;
@@ -242,11 +245,28 @@ impl Columns {
     }
 }
 
-/// The column that is the time by its name, with its mapping: the first, or the only one.
-fn named_time(offered: &[Source]) -> Option<(usize, String)> {
-    let mut named = offered.iter().enumerate().filter_map(|(at, source)| Some((at, time_mapping(source)?)));
-    let first = named.next()?;
-    (first.0 == 0 || named.next().is_none()).then_some(first)
+/// The column of the time, `None` where rows are counted, and its unit: what is mapped, else what is the time by its name.
+fn time_column(
+    offered: &[Source],
+    mut mapped: Vec<Mapping>,
+    origin: &str,
+) -> Result<Option<(Option<usize>, Unit)>, CsvError> {
+    if mapped.iter().any(|m| m.names(ROW_NUMBER)) && offered.iter().all(|source| source.name != ROW_NUMBER) {
+        return Ok(Some((None, Unit::SAMPLES)));
+    }
+    if mapped.is_empty()
+        && let Some(named) = named_time(offered)
+    {
+        mapped.push(named.parse()?);
+    }
+    Ok(resolve(offered, &mapped, false, origin)?.0.first().map(|m| (Some(m.source), m.unit)))
+}
+
+/// The mapping of the column that is the time by its name: the first, or the only one.
+fn named_time(offered: &[Source]) -> Option<String> {
+    let first = offered.first().and_then(time_mapping);
+    let mut named = offered.iter().filter_map(time_mapping);
+    first.or_else(|| named.next().filter(|_| named.next().is_none()))
 }
 
 /// The mapping of a column that is the time by its name: `t`, or a usual name with a unit, which may be its ending, as in

@@ -25,6 +25,12 @@ fn time_may_be_samples_or_another_column() {
     assert_eq!(record.time_unit, "samples");
     let record = record.with_sample_period(0.5);
     assert_eq!((record.time_unit.as_str(), record.time[1]), ("s", 0.5));
+    // A table without any column for the time.
+    let record = parse("y,u\n5,1\n6,2\n", &["t=#[samples]"]).unwrap().with_sample_period(0.5);
+    assert_eq!(
+        (record.time.as_slice(), record.names()),
+        (&[0.0, 0.5][..], vec!["y".to_string(), "u".into()])
+    );
     let record = parse("y,stamp\n1,0\n2,1000\n", &["t=stamp[us]", "roll=-y[deg]"]).unwrap();
     assert_eq!(record.time, [0.0, 1e-3]);
     assert_eq!(record.names(), ["roll"]);
@@ -125,11 +131,11 @@ fn errors_name_file_line_and_column() {
     let cases = [
         (
             "",
-            "flight.csv, line 1: the first column is '', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of none",
+            "flight.csv, line 1: the first column is '', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of none; t=#[samples] counts the rows, and --period tells the time between them",
         ),
         (
             "time,y\n0,1\n",
-            "flight.csv, line 1: the first column is 'time', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of 'time', 'y'",
+            "flight.csv, line 1: the first column is 'time', expected t, t[unit], time[unit] or time_s; --map t=COLUMN[unit] names another (`vehicle new`: --time COLUMN[unit]) of 'time', 'y'; t=#[samples] counts the rows, and --period tells the time between them",
         ),
         (
             "0.0,1,-2e3\n0.1,2,3\n",

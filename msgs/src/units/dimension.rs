@@ -17,6 +17,7 @@ pub struct Dimension(pub(super) [i8; BASES]);
 pub const NONE: Dimension = Dimension([0; BASES]);
 pub const LENGTH: Dimension = Dimension([0, 1, 0, 0, 0, 0, 0]);
 pub const TIME: Dimension = Dimension([0, 0, 1, 0, 0, 0, 0]);
+pub const SAMPLES: Dimension = Dimension([0, 0, 0, 0, 0, 0, 1]);
 pub const ANGLE: Dimension = Dimension([0, 0, 0, 0, 0, 1, 0]);
 pub const RATE: Dimension = Dimension([0, 0, -1, 0, 0, 1, 0]);
 pub const FREQUENCY: Dimension = Dimension([0, 0, -1, 0, 0, 0, 0]);

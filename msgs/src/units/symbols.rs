@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::dimension::{
     ACCELERATION, ANGLE, Dimension, ENERGY, FLUX, FORCE, FREQUENCY, LENGTH, NONE, POWER, PRESSURE, RATE,
-    RESISTANCE, SPEED, TEMPERATURE, TIME, VOLTAGE,
+    RESISTANCE, SAMPLES, SPEED, TEMPERATURE, TIME, VOLTAGE,
 };
 use super::unit::Unit;
 
@@ -39,7 +39,7 @@ pub const SYMBOLS: &[Symbol] = &[
     symbol(&["min", "minute", "minutes"], 60.0, TIME),
     symbol(&["h", "hour", "hours"], 3600.0, TIME),
     si(&["Hz"], 1.0, FREQUENCY),
-    symbol(&["sample", "samples"], 1.0, Dimension([0, 0, 0, 0, 0, 0, 1])),
+    symbol(&["sample", "samples"], 1.0, SAMPLES),
     si(&["m", "metre", "meter", "metres", "meters"], 1.0, LENGTH),
     symbol(&["ft", "feet", "foot"], 0.3048, LENGTH),
     symbol(&["in", "inch"], 0.0254, LENGTH),

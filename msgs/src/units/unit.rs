@@ -1,6 +1,6 @@
 //! A unit as numbers: conversion to SI, and dimension.
 
-use super::dimension::{Dimension, NONE, TIME};
+use super::dimension::{Dimension, NONE, SAMPLES, TIME};
 
 /// A unit: its conversion to SI, and its dimension.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,6 +15,8 @@ impl Unit {
     pub const ONE: Self = Self { factor: 1.0, offset: 0.0, dimension: NONE };
     /// The second.
     pub const SECOND: Self = Self { factor: 1.0, offset: 0.0, dimension: TIME };
+    /// The count of samples.
+    pub const SAMPLES: Self = Self { factor: 1.0, offset: 0.0, dimension: SAMPLES };
 
     /// The coherent SI unit of a dimension.
     pub const fn coherent(dimension: Dimension) -> Self {
