@@ -13,6 +13,8 @@ use crate::identify::{IdentifyError, Segment};
 const BLOCKS: usize = 12;
 /// Fewest steps per block.
 const LEAST_STEPS: usize = 60;
+/// Least share of the squared steps of an input in each third of the blocks. Calibrated: a tenth of even shares.
+const LEAST_MOVED: f64 = 1.0 / 30.0;
 /// Largest number of steps in the blocks of which two thirds are fitted; of longer records evenly spaced blocks are taken.
 const MOST_FITTED_STEPS: usize = 9000;
 /// The same for regressions and forecasts, which cost far less per step.
@@ -191,7 +193,26 @@ impl Split {
     /// Parts of a record with gaps that are shorter than three blocks are blocks of their own.
     fn of(whole: &[Segment]) -> Self {
         let steps: usize = whole.iter().map(|s| s.steps).sum();
-        let block = (steps.min(MOST_FITTED_STEPS) / BLOCKS).max(LEAST_STEPS);
+        let longest = (steps.min(MOST_FITTED_STEPS) / BLOCKS).max(LEAST_STEPS);
+        // Blocks short enough for the input to move in all parts, if it moves long enough for that.
+        let mut lengths = std::iter::successors(Some(longest), |block| Some(block / 2))
+            .take_while(|block| *block >= LEAST_STEPS);
+        let moving = lengths.find(|block| Self::in_blocks(whole, *block).moves_in_all());
+        Self::in_blocks(whole, moving.unwrap_or(longest))
+    }
+
+    /// True where each part has a share of the input's movements by which its effect can be known.
+    fn moves_in_all(&self) -> bool {
+        let moved = |part: &Vec<Segment>| -> f64 {
+            let steps = part.iter().flat_map(|s| s.inputs.windows(2).map(|w| (w[1] - w[0]).powi(2)));
+            steps.filter(|square| square.is_finite()).sum()
+        };
+        let parts = self.folds.each_ref().map(moved);
+        parts.iter().all(|part| *part > LEAST_MOVED * parts.iter().sum::<f64>())
+    }
+
+    fn in_blocks(whole: &[Segment], block: usize) -> Self {
+        let steps: usize = whole.iter().map(|s| s.steps).sum();
         // Groups of three blocks; of a long record an even share of them.
         let taken = |most: usize, group: usize| {
             let share = (most as f64 / steps as f64).min(1.0);

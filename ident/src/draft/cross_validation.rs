@@ -1,7 +1,7 @@
 //! Predictions of an output from its past, with and without an input, on each part of the flight by what the others show.
 
 use super::blocks::{Pair, warm};
-use super::own_past::{Ahead, LeastSquares, Regression, compare, lags, starts};
+use super::own_past::{Ahead, Comparison, LeastSquares, Regression, Worth, compare, lags, starts};
 use crate::identify::Segment;
 
 /// Regressions of one pair at several horizons: their normal equations for each part of the flight. Those of all horizons and
@@ -28,9 +28,7 @@ impl<'p> Parts<'p> {
     pub fn errors(&self, part: usize, at: usize, with_input: bool) -> Option<Vec<f64>> {
         let (pair, horizon, lags) = (self.pair, self.horizons[at], lags(self.pair.period_s));
         let inputs = if with_input { lags } else { 0 };
-        let others =
-            self.equations.iter().enumerate().filter(|(other, _)| *other != part).map(|(_, e)| &e[at]);
-        let others = others.cloned().reduce(|a, b| a.with(&b))?;
+        let others = self.others(part, at)?;
         let found = Regression::solved(lags, inputs, others.part(lags + inputs))?;
         let from = |s: &Segment| starts(s, warm(pair, horizon), horizon);
         let error = |s: &Segment, k: usize| {
@@ -48,9 +46,32 @@ impl<'p> Parts<'p> {
         Some(if worse { of_mean } else { errors })
     }
 
-    /// The same on all parts, one after the other.
-    pub fn all_errors(&self, at: usize, with_input: bool) -> Option<Vec<f64>> {
-        let errors = (0..self.pair.folds.len()).map(|part| self.errors(part, at, with_input));
-        Some(errors.collect::<Option<Vec<_>>>()?.concat())
+    /// Normal equations of the other parts together.
+    fn others(&self, part: usize, at: usize) -> Option<LeastSquares> {
+        let others =
+            self.equations.iter().enumerate().filter(|(other, _)| *other != part).map(|(_, e)| &e[at]);
+        others.cloned().reduce(|a, b| a.with(&b))
+    }
+
+    /// Comparison at one of the horizons of the predictions from the past alone with those from past and input, on all parts,
+    /// each error weighed by what the prediction with the input is worth there.
+    pub fn compared(&self, at: usize) -> Option<Comparison> {
+        let parts = 0..self.pair.folds.len();
+        let worth = parts.clone().map(|part| self.worth(part, at)).collect::<Option<Vec<_>>>()?.concat();
+        let weighed = |with_input: bool| -> Option<Vec<f64>> {
+            let errors = parts.clone().map(|part| self.errors(part, at, with_input));
+            let errors = errors.collect::<Option<Vec<_>>>()?.concat();
+            Some(errors.into_iter().zip(&worth).map(|(error, worth)| error * worth).collect())
+        };
+        compare(&weighed(false)?, &weighed(true)?)
+    }
+
+    fn worth(&self, part: usize, at: usize) -> Option<Vec<f64>> {
+        let (pair, horizon, lags) = (self.pair, self.horizons[at], lags(self.pair.period_s));
+        let worth = Worth::of(lags, lags, self.others(part, at)?, horizon)?;
+        let of = |s: &Segment| {
+            starts(s, warm(pair, horizon), horizon).into_iter().map(|k| worth.at(s, k)).collect::<Vec<_>>()
+        };
+        Some(pair.folds[part].iter().flat_map(of).collect())
     }
 }

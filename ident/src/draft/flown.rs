@@ -52,9 +52,10 @@ impl Flown {
         let still = |from: f64, to: f64| {
             outputs.iter().all(|output| is_still(record, output, (from, to), (begins, ends)))
         };
-        let from_s = (!chosen.0 && off(&forwards) && begins - first >= REST_S && still(first, begins))
-            .then_some(begins + CONTACT_S);
-        let to_s = (!chosen.1 && off(&backwards) && last - ends >= REST_S && still(last - REST_S, last))
+        let from_s =
+            (!chosen.0 && off(&forwards) && begins - first >= REST_S && still(first, begins - CONTACT_S))
+                .then_some(begins + CONTACT_S);
+        let to_s = (!chosen.1 && off(&backwards) && last - ends >= REST_S && still(ends + CONTACT_S, last))
             .then_some(ends - CONTACT_S);
         let length = to_s.unwrap_or(last) - from_s.unwrap_or(first);
         (from_s.is_some() || to_s.is_some())

@@ -8,7 +8,7 @@
 //! Bus. Econ. Stat. 13, 1995), of which every part of the flight is some in turn (cross-validation: Stone, J. R. Stat. Soc. B
 //! 36, 1974): a third of a flight often has too few manoeuvres to tell.
 
-use nalgebra::{DMatrix, DVector, DVectorView};
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn};
 
 use crate::identify::Segment;
 
@@ -87,13 +87,18 @@ impl LeastSquares {
     }
 
     /// Coefficients, one column per predicted value.
-    fn solve(mut self) -> Option<DMatrix<f64>> {
+    fn solve(self) -> Option<DMatrix<f64>> {
+        let right = self.right.clone();
+        Some(self.factor()?.solve(&right))
+    }
+
+    fn factor(mut self) -> Option<Cholesky<f64, Dyn>> {
         for i in 0..self.information.nrows() {
             // A constant signal gets a coefficient of zero.
             let own = self.information[(i, i)];
             self.information[(i, i)] += (RIDGE * own).max(f64::MIN_POSITIVE.sqrt());
         }
-        Some(self.information.cholesky()?.solve(&self.right))
+        self.information.cholesky()
     }
 }
 
@@ -175,6 +180,32 @@ impl Regression {
     /// Predicted values after step `known`; `None` where a regressor is missing.
     pub fn predict(&self, s: &Segment, known: usize) -> Option<DVector<f64>> {
         Some(self.coefficients.tr_mul(&self.row(s, known)?))
+    }
+}
+
+/// What a prediction by a regression is worth beside one whose coefficients are known: one over the standard deviation of its
+/// error, 1 + h, where the leverage h = x' (X'X)^-1 x counts what the coefficients may be wrong by (Belsley, Kuh and Welsch,
+/// Regression Diagnostics, 1980, section 2.1). Where an input moves in one part of a flight only, the other parts do
+/// not determine its coefficients, and whatever they are is no evidence against it there.
+pub struct Worth {
+    past: Regression,
+    factor: Cholesky<f64, Dyn>,
+    /// Errors this many steps ahead are correlated: so many rows are one observation.
+    correlated: f64,
+}
+
+impl Worth {
+    /// Of the regression with these normal equations, `ahead` steps ahead.
+    pub fn of(outputs: usize, inputs: usize, equations: LeastSquares, ahead: usize) -> Option<Self> {
+        let past = Regression { outputs, inputs, coefficients: DMatrix::zeros(0, 0) };
+        Some(Self { past, factor: equations.factor()?, correlated: ahead as f64 })
+    }
+
+    /// That of the prediction after step `known`; NaN where a regressor is missing.
+    pub fn at(&self, s: &Segment, known: usize) -> f64 {
+        let Some(row) = self.past.row(s, known) else { return f64::NAN };
+        let leverage = self.correlated * row.dot(&self.factor.solve(&row));
+        1.0 / (1.0 + leverage).sqrt()
     }
 }
 

@@ -10,7 +10,7 @@ use super::blocks::{HELD_OUT, Pair, horizons, least_steps, range};
 use super::cross_validation::Parts;
 use super::error::DraftError;
 use super::feedback::reacts;
-use super::own_past::{Comparison, compare, takes_away};
+use super::own_past::{Comparison, takes_away};
 use super::proposal::Chosen;
 use super::reading::{input_interval, interval, own_samples, samples};
 
@@ -249,9 +249,8 @@ fn one(record: &Record, input: &Chosen, output: &Chosen) -> Result<Option<Link>,
     let slowest = intervals.into_iter().flatten().fold(0.0, f64::max);
     let ahead = horizons(&pair, slowest);
     let parts = Parts::of(&pair, &ahead);
-    let compared = ahead.iter().enumerate().filter_map(|(at, horizon)| {
-        Some((at, *horizon, compare(&parts.all_errors(at, false)?, &parts.all_errors(at, true)?)?))
-    });
+    let compared =
+        ahead.iter().enumerate().filter_map(|(at, horizon)| Some((at, *horizon, parts.compared(at)?)));
     let compared: Vec<(usize, usize, Comparison)> = compared.collect();
     // At some horizon a few errors may outweigh all others; the input has to explain at one.
     let most = |of: fn(&Comparison) -> f64, explained: bool| {

@@ -66,6 +66,29 @@ fn a_quiet_record_has_no_lag_that_does_not_exist() {
     assert!((pole + 4.0).abs() < 0.02 && (gain - 4.0).abs() < 0.02, "{}", found.text());
 }
 
+/// A stand is pushed once and swings for the rest of the record. In blocks of a twelfth of it, the push was in one third of the
+/// blocks; what the others told of its effect was worth nothing, and was counted against it. And what swings with its motor off
+/// was taken for what stands on the ground.
+#[test]
+fn a_push_and_its_ringing_give_a_model() {
+    let sensor = noise(2000, 81);
+    let (mut x, mut v, period_s) = (0.0, 0.0, 0.02);
+    let rows: Vec<(f64, f64)> = (0..2000)
+        .map(|k| {
+            let (u, shown) = (if (100..225).contains(&k) { 5.0 } else { 0.0 }, x + 0.003 * sensor[k]);
+            for _ in 0..20 {
+                v += period_s / 20.0 * (-16.0 * x - 0.2 * v + 1.0 * u);
+                x += period_s / 20.0 * v;
+            }
+            (u, shown)
+        })
+        .collect();
+    let (_dir, path) = table(|k| rows[k], period_s);
+    let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
+    let [stiffness, gain] = ["A[2,1]", "B[2,1]"].map(|name| parameter(&found, name));
+    assert!((stiffness + 16.0).abs() < 0.3 && (gain - 1.0).abs() < 0.1, "{}", found.text());
+}
+
 /// A binary sequence is the same in many rows of a table; and ten samples a second suffice for an aeroplane.
 #[test]
 fn held_commands_and_slow_vehicles_are_not_logged_too_slowly() {
