@@ -1,7 +1,8 @@
 //! Predictions of an output from its past, with and without an input, on each part of the flight by what the others show.
 
 use super::blocks::{Pair, warm};
-use super::own_past::{Ahead, Comparison, LeastSquares, Regression, Worth, compare, lags, starts};
+use super::comparison::{Comparison, compare};
+use super::own_past::{Ahead, LeastSquares, Regression, Worth, lags, starts};
 use crate::identify::Segment;
 
 /// Regressions of one pair at several horizons: their normal equations for each part of the flight. Those of all horizons and

@@ -6,7 +6,8 @@
 //! inputs may then be used, which tell models apart far better than inputs that are guessed.
 
 use super::blocks::{Pair, warm};
-use super::own_past::{Ahead, Regression, compare, lags, starts};
+use super::comparison::compare;
+use super::own_past::{Ahead, Regression, lags, starts};
 use crate::identify::Segment;
 use whirlstand_logs::stats::rms;
 

@@ -14,6 +14,7 @@ mod ahead;
 mod answer;
 mod blocks;
 mod comments;
+mod comparison;
 mod compose;
 mod controls;
 mod cross_validation;

@@ -6,13 +6,13 @@ use whirlstand_logs::{AnyReadError, Record};
 use whirlstand_vehicle::Intersample;
 
 use super::answer::{Draft, LeftOut};
+use super::comparison::{compare, takes_away};
 use super::compose::Axis;
 use super::error::DraftError;
 use super::finish::{Names, finish};
 use super::flown::Flight;
 use super::intersample::likelier;
 use super::mixer::Mixer;
-use super::own_past::{compare, takes_away};
 use super::proposal::{Chosen, Proposal, is_integral, propose};
 use super::reading::{open_all, read_chosen};
 use super::select::answers_the_input;

@@ -5,8 +5,9 @@ use whirlstand_vehicle::{Matrix, Target, Vehicle};
 
 use super::ahead::{Inputs, forecasts};
 use super::blocks::{LeadIn, Pair, warm};
+use super::comparison::{compare, takes_away};
 use super::error::DraftError;
-use super::own_past::{Ahead, Memory, Regression, compare, lags, starts, takes_away};
+use super::own_past::{Ahead, Memory, Regression, lags, starts};
 use super::structure::{Signals, Structure};
 use crate::identify::Segment;
 use crate::identify::fitted::Fit;

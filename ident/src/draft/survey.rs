@@ -7,10 +7,11 @@ use whirlstand_logs::stats::{mean, rms, white_noise_std};
 
 use super::answer::LeftOut;
 use super::blocks::{HELD_OUT, Pair, horizons, least_steps, range};
+use super::comparison::{Comparison, takes_away};
 use super::cross_validation::Parts;
 use super::error::DraftError;
 use super::feedback::reacts;
-use super::own_past::{Comparison, takes_away};
+
 use super::proposal::Chosen;
 use super::reading::{input_interval, interval, own_samples, samples};
 
