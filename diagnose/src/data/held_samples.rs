@@ -12,8 +12,8 @@ use crate::thresholds::{
     MIN_HELD_SAMPLES, MIN_LEVELS, NEIGHBOURS, NEW_VALUE_SHARE, OFTEN_SHARE, RARE_REPEAT, SLOW_REPEATS,
 };
 
-/// Held samples: values that occasionally repeat the one before.
-pub fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
+/// Held samples: values that occasionally repeat the one before, other than at `rests`.
+pub fn held((index, channel): (usize, &mut Channel), rests: &[bool]) -> Option<SampleEffect> {
     let by_chance = repeats_by_chance(&channel.values);
     // Where the signal hardly moves, a rounded value repeats anyway: a repeat is evidence only where the
     // signal moves.
@@ -21,7 +21,7 @@ pub fn held(channel: &mut Channel, index: usize) -> Option<SampleEffect> {
     let repeats: Vec<usize> = (1..channel.values.len())
         .filter(|&k| {
             let same = channel.values[k] == channel.values[k - 1] && by_chance[k - 1] < RARE_REPEAT;
-            same && channel.good[k] && channel.good[k - 1]
+            same && channel.good[k] && channel.good[k - 1] && !rests[k]
         })
         .collect();
     let fraction = repeats.len() as f64 / n as f64;
@@ -210,10 +210,16 @@ mod tests {
         }
     }
 
+    /// The held samples of the first channel, of which none is known to be at rest.
+    fn lost(channel: &mut Channel) -> Option<SampleEffect> {
+        let rests = vec![false; channel.values.len()];
+        held((0, channel), &rests)
+    }
+
     #[test]
     fn a_rounded_sensor_that_hardly_moves_has_lost_nothing() {
         for step in [0.25, 1.0] {
-            assert_eq!(held(&mut channel(step, None), 0), None, "{step}");
+            assert_eq!(lost(&mut channel(step, None)), None, "{step}");
             // The logger resamples the sensor from another clock by linear interpolation.
             let mut stream = Stream::new(7, "clock");
             let mut jittered = channel(step, None);
@@ -222,7 +228,7 @@ mod tests {
                 let share = 0.5 * stream.uniform();
                 *value = (1.0 - share) * two[0] + share * two[1];
             }
-            assert_eq!(held(&mut jittered, 0), None, "{step}, interpolated");
+            assert_eq!(lost(&mut jittered), None, "{step}, interpolated");
         }
     }
 
@@ -239,7 +245,7 @@ mod tests {
             let share = 0.5 * stream.uniform();
             *value = (1.0 - share) * two[0] + share * two[1];
         }
-        assert_eq!(held(&mut flight, 0), None);
+        assert_eq!(lost(&mut flight), None);
     }
 
     /// A vane is read in steps, and what a rate adds to it moves with every sample: no value ever comes back.
@@ -255,14 +261,14 @@ mod tests {
             .collect();
         let repeats = values.windows(2).filter(|w| w[0] == w[1]).count();
         assert!(repeats >= 20, "{repeats}");
-        assert_eq!(held(&mut of_values(values), 0), None);
+        assert_eq!(lost(&mut of_values(values)), None);
     }
 
     /// One stretch of repeats, however long.
     #[test]
     fn a_rest_before_a_motion_is_not_lost() {
         let motion = |k: usize| if k < 20 { 0.0 } else { ((k - 20) as f64 * 0.05).sin() };
-        assert_eq!(held(&mut of_values((0..250).map(motion).collect()), 0), None);
+        assert_eq!(lost(&mut of_values((0..250).map(motion).collect())), None);
     }
 
     /// Few lost samples of a sensor whose values all differ: what it holds are no levels of a rounding.
@@ -271,17 +277,17 @@ mod tests {
         let mut stream = Stream::new(11, "lost");
         let mut values: Vec<f64> =
             (0..800).map(|k| (k as f64 * 0.02).sin() + 0.05 * stream.normal()).collect();
-        let lost: Vec<usize> = (20..800).step_by(40).collect();
-        lost.iter().for_each(|k| values[*k] = values[k - 1]);
-        let found = held(&mut of_values(values), 0).unwrap();
-        assert_eq!(found.samples, lost.len());
+        let gone: Vec<usize> = (20..800).step_by(40).collect();
+        gone.iter().for_each(|k| values[*k] = values[k - 1]);
+        let found = lost(&mut of_values(values)).unwrap();
+        assert_eq!(found.samples, gone.len());
     }
 
     #[test]
     fn samples_that_are_lost_while_the_sensor_moves_are_counted() {
         for step in [1e-9, 0.01, 0.25] {
             let mut channel = channel(step, Some(25));
-            let (_, low, high) = held(&mut channel, 0).unwrap().parameters["fraction"];
+            let (_, low, high) = lost(&mut channel).unwrap().parameters["fraction"];
             assert!(low < 0.04 && 0.04 < high, "{step}: {low} to {high}");
         }
     }

@@ -10,5 +10,6 @@ mod join;
 pub mod limits;
 pub mod outliers;
 pub mod record;
+mod rests;
 pub mod sample_effect;
 pub mod sample_effects;

@@ -9,13 +9,15 @@ use whirlstand_vehicle::{Kind, Output, Vehicle};
 
 use crate::data::held_samples::held;
 use crate::data::record::{Channel, Data};
+use crate::data::rests::at_rest;
 use crate::data::sample_effect::{SAME_VALUE, SampleEffect};
 use whirlstand_logs::stats::{mad_std, median};
 
 /// Finds rounding, clipping and held samples in the measurements, and excludes the affected samples.
 pub fn measured_effects(data: &mut Data, vehicle: &Vehicle) -> Vec<SampleEffect> {
     let mut found = Vec::new();
-    for (index, channel) in data.channels.iter_mut().enumerate() {
+    let rests: Vec<Vec<bool>> = (0..data.channels.len()).map(|index| at_rest(data, index)).collect();
+    for ((index, channel), rests) in data.channels.iter_mut().enumerate().zip(rests) {
         let output = &vehicle.outputs[channel.output];
         let noise = if output.noise > 0.0 { output.noise } else { fast_noise(channel) };
         let rounding =
@@ -26,11 +28,11 @@ pub fn measured_effects(data: &mut Data, vehicle: &Vehicle) -> Vec<SampleEffect>
             let samples = channel.values.len();
             found.push(SampleEffect { kind: Kind::Quantization, channel: index, parameters, samples });
         }
-        if let Some(effect) = clipping(channel, index, step, noise) {
+        if let Some(effect) = clipping((index, channel), &rests, step, noise) {
             found.push(effect);
         }
         if step < COARSE_STEP_SHARE * noise
-            && let Some(effect) = held(channel, index)
+            && let Some(effect) = held((index, channel), &rests)
         {
             found.push(effect);
         }
@@ -89,8 +91,14 @@ fn step_of(values: &[f64], least: f64) -> Option<f64> {
     (on * 10 >= values.len() * 9).then_some(step)
 }
 
-/// Clipping: values that pile up at the largest or the smallest one.
-fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Option<SampleEffect> {
+/// Clipping: values that pile up at the largest or the smallest one, other than at `rests`.
+fn clipping(
+    (index, channel): (usize, &mut Channel),
+    rests: &[bool],
+    step: f64,
+    noise: f64,
+) -> Option<SampleEffect> {
+    let moving = || channel.values.iter().zip(rests).filter(|(v, rests)| v.is_finite() && !**rests);
     let finite = || channel.values.iter().copied().filter(|v| v.is_finite());
     let (top, bottom) = (finite().fold(f64::NEG_INFINITY, f64::max), finite().fold(f64::INFINITY, f64::min));
     let width = (top - bottom).abs();
@@ -99,7 +107,7 @@ fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Optio
     }
     let near = 1e-9 * width;
     let piled = |at: f64, inward: f64| {
-        let count = finite().filter(|v| (v - at).abs() <= near).count();
+        let count = moving().filter(|(v, _)| (*v - at).abs() <= near).count();
         // Rounded values repeat anyway: at a clipping limit they do so far more often than just inside it.
         let inside =
             finite().filter(|v| step > 0.0 && (v - (at + inward * step)).abs() <= 0.01 * step).count();
@@ -113,7 +121,8 @@ fn clipping(channel: &mut Channel, index: usize, step: f64, noise: f64) -> Optio
     // ones.
     let smooth = smoothed(&channel.values);
     let mut samples = 0;
-    for ((value, smooth), good) in channel.values.iter().zip(&smooth).zip(&mut channel.good) {
+    let all = channel.values.iter().zip(&smooth).zip(&mut channel.good).zip(rests);
+    for ((value, smooth), good) in all.filter(|(_, rests)| !**rests).map(|(sample, _)| sample) {
         let cut = upper && (value - top).abs() <= near || lower && (value - bottom).abs() <= near;
         samples += usize::from(cut);
         let close = upper && *smooth > top - 2.5 * noise || lower && *smooth < bottom + 2.5 * noise;

@@ -5,6 +5,12 @@
 pub(crate) const COARSE_STEP_SHARE: f64 = 0.5;
 /// Fewest samples of an effect. Calibrated.
 pub(crate) const MIN_HELD_SAMPLES: usize = 5;
+/// Quantile of the steps from sample to sample that is the speed of the motion: a motor may run steadily for most of a record.
+/// Definition, without the largest steps, which may be outliers.
+pub(crate) const FAST_SHARE: f64 = 0.999;
+/// Share of the speed of the motion up to which a sensor comes to a value slowly. What a sensor hides at a
+/// limit, it had shown at the speed of the motion. Definition: what is left of an exponential approach after 1.6 time constants.
+pub(crate) const SLOW_ARRIVAL: f64 = 0.2;
 /// Fewest levels of a rounded signal; fewer may be a switched one. Calibrated.
 pub(crate) const MIN_LEVELS: usize = 3;
 /// Fewest rounding steps in a signal's range for which a limit can be told from rounding. Calibrated.

@@ -36,7 +36,7 @@ pub fn text(vehicle: &Vehicle, rotors: bool, draft: &Draft) -> String {
     }
     for output in &vehicle.outputs {
         let anchor = format!("[[outputs]]\nname = \"{}\"", output.name);
-        let noise = "Noise: the sample-to-sample scatter about a smooth motion (white_noise_std).";
+        let noise = "Noise: the sample-to-sample scatter about a smooth motion (white_noise_std), and that of rounding (a step over root 12).";
         above(&mut text, &anchor, &[noise.to_string()]);
     }
     for effect in &vehicle.effects {

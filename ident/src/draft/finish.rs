@@ -25,6 +25,8 @@ use crate::identify::force_fit::{FORCES, WANDERING};
 const LIMIT_ROOM: f64 = 0.1;
 /// Correlation of an angle with the integral of its rate from which both show the same motion.
 const SAME_MOTION: f64 = 0.7;
+/// Differences below this share of the largest value are those of arithmetic, as between degrees and radians.
+const ARITHMETIC: f64 = 1e-9;
 
 /// Options of a draft.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -159,8 +161,17 @@ fn limits_and_noise(vehicle: &mut Vehicle, record: &Record, used: &[&Chosen]) {
     for output in &mut vehicle.outputs {
         let chosen = used.iter().find(|c| c.name == output.name);
         let own = chosen.map_or_else(Vec::new, |c| own_samples(record, c));
-        output.noise = format!("{:.2e}", white_noise_std(&own)).parse().unwrap_or(0.0);
+        let noise = white_noise_std(&own).hypot(rounding_step(own) / 12f64.sqrt());
+        output.noise = format!("{noise:.2e}").parse().unwrap_or(0.0);
     }
+}
+
+/// The smallest difference between two values: the step of a sensor that rounds, and next to nothing of one that does not.
+fn rounding_step(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    let largest = values.last().zip(values.first()).map_or(0.0, |(a, b)| a.abs().max(b.abs()));
+    let steps = values.windows(2).map(|w| w[1] - w[0]).filter(|step| *step > ARITHMETIC * largest);
+    steps.reduce(f64::min).unwrap_or(0.0)
 }
 
 fn provenance(logs: &[String], names: &Names) -> Vec<(String, String)> {

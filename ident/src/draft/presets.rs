@@ -24,7 +24,7 @@ pub const NONLINEAR_INPUTS: [(&str, &str); 1] =
     [("main.rcCommand", "the pilot's stick before its curve of rates and expo, which no linear model has")];
 
 /// All programs, in the order in which they are tried.
-pub const FAMILIES: [Family; 6] = [PX4, ARDUPILOT, BETAFLIGHT, CRAZYFLIE, ROS, COLUMNS];
+pub const FAMILIES: [Family; 7] = [PX4, ARDUPILOT, BETAFLIGHT, BETAFLIGHT_TABLE, CRAZYFLIE, ROS, COLUMNS];
 
 const PX4: Family = Family {
     name: "PX4",
@@ -169,6 +169,31 @@ const BETAFLIGHT: Family = Family {
         ("vertical_acceleration", &[("main.accSmooth[2]", "g")]),
     ],
     motors: &["main.motor[0]", "main.motor[1]", "main.motor[2]", "main.motor[3]"],
+};
+
+/// Tables that `blackbox_decode` makes of a log of Betaflight. Its accelerations are counts of the sensor.
+const BETAFLIGHT_TABLE: Family = Family {
+    name: "Betaflight, decoded",
+    inputs: &[
+        &[
+            ("u_roll", ("setpoint[0]", "deg/s")),
+            ("u_pitch", ("setpoint[1]", "deg/s")),
+            ("u_yaw", ("setpoint[2]", "deg/s")),
+            ("u_thrust", ("setpoint[3]", "")),
+        ],
+        &[
+            ("u_motor1", ("motor[0]", "")),
+            ("u_motor2", ("motor[1]", "")),
+            ("u_motor3", ("motor[2]", "")),
+            ("u_motor4", ("motor[3]", "")),
+        ],
+    ],
+    outputs: &[
+        ("roll_rate", &[("gyroADC[0]", "deg/s")]),
+        ("pitch_rate", &[("gyroADC[1]", "deg/s")]),
+        ("yaw_rate", &[("gyroADC[2]", "deg/s")]),
+    ],
+    motors: &["motor[0]", "motor[1]", "motor[2]", "motor[3]"],
 };
 
 const CRAZYFLIE: Family = Family {

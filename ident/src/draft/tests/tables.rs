@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use whirlstand_test_harness::noise;
+use whirlstand_vehicle::Vehicle;
 
 use super::parameter;
 use crate::draft::{Choice, Names, draft};
@@ -77,12 +78,12 @@ fn a_quiet_record_has_no_lag_that_does_not_exist() {
 fn a_few_pushes_and_their_ringing_give_a_model() {
     const ROWS: usize = 6000;
     const PERIOD_S: f64 = 0.01;
-    let sensor = noise(ROWS, 81);
     let (mut angle, mut rate) = (0.0, 0.0);
     let rows: Vec<(f64, f64)> = (0..ROWS)
         .map(|k| {
             let is_pushed = (40..440).contains(&k) && (k - 40) / 80 % 2 == 0;
-            let (u, shown) = (if is_pushed { 5.0 } else { 0.0 }, angle + 0.003 * sensor[k]);
+            // An encoder of 0.01 rad.
+            let (u, shown) = (if is_pushed { 5.0 } else { 0.0 }, f64::round(100.0 * angle) / 100.0);
             for _ in 0..20 {
                 rate += PERIOD_S / 20.0 * (-16.0 * angle - 0.05 * rate + u);
                 angle += PERIOD_S / 20.0 * rate;
@@ -93,6 +94,12 @@ fn a_few_pushes_and_their_ringing_give_a_model() {
     let (_dir, path) = table_of(ROWS, |k| rows[k], PERIOD_S);
     let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
     assert!(found.flown.is_none(), "{}", found.text());
+    let of_rounding = 0.01 / 12f64.sqrt();
+    let noise = Vehicle::parse(&found.toml, "stand.toml").unwrap().outputs[0].noise;
+    assert!(
+        (0.9 * of_rounding..3.0 * of_rounding).contains(&noise),
+        "an encoder has the noise of its steps: {noise}"
+    );
     let [stiffness, gain] = ["A[2,1]", "B[2,1]"].map(|name| parameter(&found, name));
     assert!((stiffness + 16.0).abs() < 0.3 && (gain - 1.0).abs() < 0.1, "{}", found.text());
 }
