@@ -10,14 +10,21 @@ use crate::thresholds::{FAST_SHARE, MIN_HELD_SAMPLES, SLOW_ARRIVAL};
 /// value slowly, and no command and no other sensor changes for half of the time for which it stays.
 pub fn at_rest(data: &Data, index: usize) -> Vec<bool> {
     let channel = &data.channels[index];
-    let values = &channel.values;
+    // What is missing is taken for what was measured before.
+    let last_known = |last: &mut f64, value: &f64| {
+        if !value.is_nan() {
+            *last = *value;
+        }
+        Some(*last)
+    };
+    let values: Vec<f64> = channel.values.iter().scan(f64::NAN, last_known).collect();
     let begins: Vec<usize> = data.parts(channel).map(|part| part.start).collect();
     let steps: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|step| *step > 0.0).collect();
     let slow = if steps.is_empty() { 0.0 } else { SLOW_ARRIVAL * quantile(&steps, FAST_SHARE) };
     let moved = moved_before(data, index);
     let mut resting = vec![false; values.len()];
     let mut from = 0;
-    for run in values.chunk_by(|a, b| a == b || a.is_nan() || b.is_nan()) {
+    for run in values.chunk_by(|a, b| a == b) {
         let (first, last) = (from, from + run.len() - 1);
         from += run.len();
         let at_beginning = begins.binary_search(&first).is_ok();
@@ -25,7 +32,8 @@ pub fn at_rest(data: &Data, index: usize) -> Vec<bool> {
         let step_to = |to: usize| if to > 0 { (values[to] - values[to - 1]).abs() } else { 0.0 };
         let arrives_slowly = || step_to(first).max(step_to(first.saturating_sub(1))) <= slow;
         // A motor follows its command late.
-        let still = || moved[channel.step(first + run.len() / 2)] == moved[channel.step(first)];
+        let moved_at = |sample: usize| moved.get(channel.step(sample));
+        let still = || moved_at(first + run.len() / 2) == moved_at(first);
         if run.len() >= MIN_HELD_SAMPLES && (at_beginning || still() && arrives_slowly()) {
             resting[first..=last].fill(true);
         }

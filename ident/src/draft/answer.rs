@@ -87,6 +87,8 @@ pub struct ParameterAnswer {
     pub unit: String,
     /// Standard error; `None` for one that the data do not determine.
     pub standard_error: Option<f64>,
+    /// True for a value at an end of the range in which it was searched: the record calls for more than the structure allows.
+    pub at_bound: bool,
 }
 
 /// Scores of predictions of held-out data.
@@ -157,8 +159,9 @@ impl ParameterAnswer {
         // In SI, as all units of a drafted file are.
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
         let value = number(self.value);
+        let bound = if self.at_bound { " (at the end of its range)" } else { "" };
         match self.standard_error {
-            Some(error) => format!("{} = {value} ± {}{unit}", self.name, number(error)),
+            Some(error) => format!("{} = {value} ± {}{unit}{bound}", self.name, number(error)),
             None => format!("{} = {value}{unit}, not determined by the record", self.name),
         }
     }

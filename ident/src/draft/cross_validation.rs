@@ -69,7 +69,7 @@ impl<'p> Parts<'p> {
 
     fn worth(&self, part: usize, at: usize) -> Option<Vec<f64>> {
         let (pair, horizon, lags) = (self.pair, self.horizons[at], lags(self.pair.period_s));
-        let worth = Worth::of(lags, lags, self.others(part, at)?, horizon)?;
+        let worth = Worth::of(lags, lags, self.others(part, at)?)?;
         let of = |s: &Segment| {
             starts(s, warm(pair, horizon), horizon).into_iter().map(|k| worth.at(s, k)).collect::<Vec<_>>()
         };

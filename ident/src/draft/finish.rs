@@ -25,6 +25,14 @@ use crate::identify::force_fit::{FORCES, WANDERING};
 const LIMIT_ROOM: f64 = 0.1;
 /// Correlation of an angle with the integral of its rate from which both show the same motion.
 const SAME_MOTION: f64 = 0.7;
+/// Rounding is written where its step is coarser than this share of the scatter: below, it is noise (Sheppard 1898).
+const COARSE_STEP: f64 = 0.5;
+/// Distance of a multiple of the step from a whole one: tables have few digits.
+const OFF_STEP: f64 = 0.02;
+/// Fewest steps between the levels of a sensor that rounds.
+const LEVELS: usize = 8;
+/// Distance from an end of the range of a parameter, as a share of it, within which an estimate lies at that end.
+const AT_BOUND: f64 = 1e-6;
 /// Differences below this share of the largest value are those of arithmetic, as between degrees and radians.
 const ARITHMETIC: f64 = 1e-9;
 
@@ -161,17 +169,26 @@ fn limits_and_noise(vehicle: &mut Vehicle, record: &Record, used: &[&Chosen]) {
     for output in &mut vehicle.outputs {
         let chosen = used.iter().find(|c| c.name == output.name);
         let own = chosen.map_or_else(Vec::new, |c| own_samples(record, c));
-        let noise = white_noise_std(&own).hypot(rounding_step(own) / 12f64.sqrt());
+        let scatter = white_noise_std(&own);
+        let (step, is_coarse) = rounding_step(own);
+        let noise = scatter.hypot(step / 12f64.sqrt());
         output.noise = format!("{noise:.2e}").parse().unwrap_or(0.0);
+        if is_coarse && step > COARSE_STEP * scatter {
+            output.quantization = format!("{step:.3e}").parse().unwrap_or(0.0);
+        }
     }
 }
 
-/// The smallest difference between two values: the step of a sensor that rounds, and next to nothing of one that does not.
-fn rounding_step(mut values: Vec<f64>) -> f64 {
+/// The smallest difference between two values: the step of a sensor that rounds, and next to nothing of one that does not. Also
+/// whether all differences are multiples of it.
+fn rounding_step(mut values: Vec<f64>) -> (f64, bool) {
     values.sort_unstable_by(f64::total_cmp);
     let largest = values.last().zip(values.first()).map_or(0.0, |(a, b)| a.abs().max(b.abs()));
-    let steps = values.windows(2).map(|w| w[1] - w[0]).filter(|step| *step > ARITHMETIC * largest);
-    steps.reduce(f64::min).unwrap_or(0.0)
+    let differences = values.windows(2).map(|w| w[1] - w[0]).filter(|step| *step > ARITHMETIC * largest);
+    let steps: Vec<f64> = differences.collect();
+    let Some(step) = steps.iter().copied().reduce(f64::min) else { return (0.0, false) };
+    let is_multiple = |other: &f64| (other / step - (other / step).round()).abs() <= OFF_STEP;
+    (step, steps.len() >= LEVELS && steps.iter().all(is_multiple))
 }
 
 fn provenance(logs: &[String], names: &Names) -> Vec<(String, String)> {
@@ -198,9 +215,17 @@ fn answers(vehicle: &Vehicle, origins: &[(usize, usize)], fitted: &[(Link, Axis)
         let parameters = own.map(|(whole, (_, own))| {
             let own = &fit.problem.vehicle.free[*own];
             let at = fit.problem.parameters.iter().position(|p| p.target == own.target);
+            let value = vehicle.free_value(&whole.target);
+            // A lag or a delay at its lower end is none.
+            let ends = [Some(own.upper), matches!(own.target, Target::Entry(..)).then_some(own.lower)];
+            let edge = AT_BOUND * (own.upper - own.lower);
             ParameterAnswer {
+                at_bound: ends
+                    .into_iter()
+                    .flatten()
+                    .any(|end| (fit.problem.vehicle.free_value(&own.target) - end).abs() <= edge),
                 name: vehicle.free_name(&whole.target),
-                value: vehicle.free_value(&whole.target),
+                value,
                 unit: vehicle.free_unit_si(&whole.target),
                 standard_error: at.map(|i| fit.covariance[(i, i)].max(0.0).sqrt()),
             }

@@ -187,21 +187,19 @@ impl Regression {
 pub struct Worth {
     past: Regression,
     factor: Cholesky<f64, Dyn>,
-    /// Errors this many steps ahead are correlated: so many rows are one observation.
-    correlated: f64,
 }
 
 impl Worth {
-    /// Of the regression with these normal equations, `ahead` steps ahead.
-    pub fn of(outputs: usize, inputs: usize, equations: LeastSquares, ahead: usize) -> Option<Self> {
+    /// Of the regression with these normal equations.
+    pub fn of(outputs: usize, inputs: usize, equations: LeastSquares) -> Option<Self> {
         let past = Regression { outputs, inputs, coefficients: DMatrix::zeros(0, 0) };
-        Some(Self { past, factor: equations.factor()?, correlated: ahead as f64 })
+        Some(Self { past, factor: equations.factor()? })
     }
 
     /// That of the prediction after step `known`; NaN where a regressor is missing.
     pub fn at(&self, s: &Segment, known: usize) -> f64 {
         let Some(row) = self.past.row(s, known) else { return f64::NAN };
-        let leverage = self.correlated * row.dot(&self.factor.solve(&row));
+        let leverage = row.dot(&self.factor.solve(&row));
         1.0 / (1.0 + leverage).sqrt()
     }
 }
@@ -297,7 +295,7 @@ mod tests {
         still.inputs.iter_mut().for_each(|u| *u = 0.2 + 1e-3 * *u);
         let worth = |fitted: &Segment| {
             let equations = Regression::equations([fitted], 12, 12, &[Ahead::Output(10)]).remove(0);
-            let worth = Worth::of(12, 12, equations, 10).unwrap();
+            let worth = Worth::of(12, 12, equations).unwrap();
             let at: Vec<f64> = starts(&usual, 24, 10).into_iter().map(|k| worth.at(&usual, k)).collect();
             at.iter().sum::<f64>() / at.len() as f64
         };

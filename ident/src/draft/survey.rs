@@ -277,7 +277,9 @@ fn refusal(record: &Record, outputs: &[Chosen], found: Vec<String>) -> DraftErro
         let values = own_samples(record, output);
         let level = mean(&values);
         let spread = rms(&values.iter().map(|v| v - level).collect::<Vec<_>>());
-        let noise = white_noise_std(&values);
+        // The motion between samples that come late looks like noise.
+        let is_late = late(output, interval(record, output)).is_some();
+        let noise = if is_late { 0.0 } else { white_noise_std(&values) };
         let least = if turns(output) { REST_RATE } else { 0.0 };
         let text = format!("{} (spread {spread:.2e}, noise {noise:.2e})", output.name);
         (spread <= (REST_RATIO * noise).max(least)).then_some(text)

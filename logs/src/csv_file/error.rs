@@ -31,7 +31,7 @@ pub enum CsvError {
     },
     /// The first line has numbers only.
     #[error(
-        "{path}, line 1: '{first}' is a number where the name of a column is expected: the table has no header. Add a first line with a name for each column, such as `t,u_roll,roll_rate[deg/s]`, with commas, semicolons or tabs between them; `t[samples]` where rows are only counted"
+        "{path}, line 1: '{first}' is a number where the name of a column is expected: the table has no header. Add a first line with a name for each column, such as `t,u_roll,roll_rate[deg/s]`, with commas, semicolons, tabs or blanks between them; `t[samples]` where rows are only counted"
     )]
     NoHeader {
         /// The file.

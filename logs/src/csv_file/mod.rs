@@ -1,8 +1,9 @@
 //! CSV files: first column `t` in s or `t[unit]`, heads `name` or `name[unit]`, empty cells and `NaN` for gaps.
 //!
-//! Lines that begin with `#` are comments. A semicolon or a tab is accepted as the separator as well as a comma,
+//! Lines that begin with `#` are comments. A semicolon, a tab or blanks are accepted as the separator as well as a comma,
 //! according to the header line; numbers may then have a decimal comma.
 
+mod blanks;
 mod bounded;
 mod error;
 mod write;
@@ -15,6 +16,7 @@ use std::path::Path;
 use csv::{ByteRecord, ReaderBuilder, StringRecord, Trim};
 use whirlstand_msgs::units::Unit;
 
+use self::blanks::SingleBlanks;
 use self::bounded::{Allowance, Bounded, GREATEST, LONGEST_LINE, MOST_COLUMNS};
 pub use self::error::CsvError;
 pub use self::write::{format_csv, write_csv};
@@ -49,13 +51,16 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
     skip_byte_order_mark(&mut input).map_err(io)?;
     let delimiter = delimiter(input.fill_buf().map_err(io)?);
     let allowance = Allowance::new(LONGEST_LINE);
+    // A comment at the end would be a row if its line had no end.
+    let input = input.chain(&b"\n"[..]);
+    let input: Box<dyn Read> =
+        if delimiter == b' ' { Box::new(SingleBlanks::new(input)) } else { Box::new(input) };
     let mut reader = ReaderBuilder::new()
         .delimiter(delimiter)
         .comment(Some(b'#'))
         .trim(Trim::Headers)
         .buffer_capacity(1 << 16)
-        // A comment at the end would be a row if its line had no end.
-        .from_reader(Bounded::new(input.chain(&b"\n"[..]), &allowance));
+        .from_reader(Bounded::new(input, &allowance));
     let failed = |error: csv::Error, line: u64| match allowance.is_used_up() {
         true => CsvError::Long { path: path.into(), line },
         false => line_error(path, error),
@@ -124,7 +129,7 @@ fn heads(path: &Path, line: &StringRecord) -> Result<Vec<String>, CsvError> {
     if line.len() > MOST_COLUMNS {
         return Err(CsvError::Columns { path: path.into(), found: line.len() });
     }
-    let is_number = |head: &str| head.split_ascii_whitespace().all(|cell| cell.parse::<f64>().is_ok());
+    let is_number = |head: &str| head.trim().parse::<f64>().is_ok();
     match line.get(0).filter(|first| !first.is_empty() && line.iter().all(is_number)) {
         Some(first) => Err(CsvError::NoHeader { path: path.into(), first: excerpt(first) }),
         None => Ok(line.iter().map(str::to_string).collect()),
@@ -347,7 +352,8 @@ fn delimiter(start: &[u8]) -> u8 {
     if head.contains(&b',') {
         return b',';
     }
-    [b';', b'\t'].into_iter().find(|d| head.contains(d)).unwrap_or(b',')
+    let separator = [b';', b'\t'].into_iter().find(|d| head.contains(d));
+    separator.or_else(|| head.trim_ascii().contains(&b' ').then_some(b' ')).unwrap_or(b',')
 }
 
 fn line_error(path: &Path, error: csv::Error) -> CsvError {

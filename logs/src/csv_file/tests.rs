@@ -55,6 +55,8 @@ fn time_may_be_samples_or_another_column() {
 fn other_separators_and_byte_order_marks_are_read() {
     assert_eq!(parse("\u{feff}t;y\n0;1\n", &[]).unwrap().names(), ["y"]);
     assert_eq!(parse("t\ty\n0\t1\n", &[]).unwrap().names(), ["y"]);
+    let record = parse(" t_s   y  z\n  0.0   1.5  -2\n  1e-1 2.5   3 \n", &[]).unwrap();
+    assert_eq!((record.names().len(), record.time[1], record.get("z").unwrap().values[1]), (2, 0.1, 3.0));
     // As spreadsheets write numbers where the comma is the decimal point.
     let record = parse("t;y;z\n-0,4;1,5;2.5\n0;-1e-1;\n", &[]).unwrap();
     assert_eq!((record.time[0], record.get("y").unwrap().values[0]), (-0.4, 1.5));
@@ -139,7 +141,7 @@ fn errors_name_file_line_and_column() {
         ),
         (
             "0.0,1,-2e3\n0.1,2,3\n",
-            "flight.csv, line 1: '0.0' is a number where the name of a column is expected: the table has no header. Add a first line with a name for each column, such as `t,u_roll,roll_rate[deg/s]`, with commas, semicolons or tabs between them; `t[samples]` where rows are only counted",
+            "flight.csv, line 1: '0.0' is a number where the name of a column is expected: the table has no header. Add a first line with a name for each column, such as `t,u_roll,roll_rate[deg/s]`, with commas, semicolons, tabs or blanks between them; `t[samples]` where rows are only counted",
         ),
         ("t[m],y\n", "flight.csv, line 1: the time column is in 'm', expected s, ms, us, min or samples"),
         (

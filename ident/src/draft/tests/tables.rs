@@ -40,6 +40,9 @@ fn rest_and_slow_logs_are_refused_with_the_reason() {
     let slow = refusal(|k| (b[k], a[k]), 0.1);
     assert!(slow.contains("too slowly") && slow.contains("u_roll every 100 ms"), "{slow}");
     assert!(!slow.contains("--time"), "{slow}");
+    // The sensor is read ten times a second, and its value repeated.
+    let repeated = refusal(|k| (b[k], a[k / 10]), 0.01);
+    assert!(repeated.contains("too slowly") && repeated.contains("p[rad/s] every 100 ms"), "{repeated}");
     let in_microseconds = refusal(|k| (b[k], a[k]), 10_000.0);
     assert!(in_microseconds.contains("10000 s apart") && in_microseconds.contains("--time COLUMN[us]"));
     let (_dir, path) = table(|k| (b[k], a[k]), 0.01);
@@ -95,13 +98,47 @@ fn a_few_pushes_and_their_ringing_give_a_model() {
     let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
     assert!(found.flown.is_none(), "{}", found.text());
     let of_rounding = 0.01 / 12f64.sqrt();
-    let noise = Vehicle::parse(&found.toml, "stand.toml").unwrap().outputs[0].noise;
+    let stand = Vehicle::parse(&found.toml, "stand.toml").unwrap();
+    let (noise, step) = (stand.outputs[0].noise, stand.outputs[0].quantization);
     assert!(
         (0.9 * of_rounding..3.0 * of_rounding).contains(&noise),
         "an encoder has the noise of its steps: {noise}"
     );
+    assert!((step - 0.01).abs() < 1e-9, "{step}");
     let [stiffness, gain] = ["A[2,1]", "B[2,1]"].map(|name| parameter(&found, name));
     assert!((stiffness + 16.0).abs() < 0.3 && (gain - 1.0).abs() < 0.1, "{}", found.text());
+}
+
+/// What `blackbox_decode` writes: the time is its second column, in microseconds, and names have blanks before them.
+#[test]
+fn a_decoded_blackbox_is_known_by_its_names() {
+    const PERIOD_US: usize = 2000;
+    let (bits, sensor) = (noise(2000, 91), noise(2000, 92));
+    let mut csv =
+        "loopIteration, time (us), setpoint[0], setpoint[1], motor[0], gyroADC[0], gyroADC[1]\n".to_string();
+    let mut rate = 0.0;
+    for k in 0..2000 {
+        let asked = f64::round(60.0 * bits[k / 40]);
+        csv.push_str(&format!(
+            "  {k}, {}, {asked}, 0, {}, {:.0}, 0\n",
+            k * PERIOD_US,
+            500 + k % 7,
+            rate + 0.3 * sensor[k]
+        ));
+        rate += 20.0 * (asked - rate) * 1e-6 * PERIOD_US as f64;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("log.01.csv");
+    std::fs::write(&path, csv).unwrap();
+    let found = draft(&[&path], &Names::default(), (None, None), &|_| ()).unwrap();
+    let [pole, gain] = ["A[1,1]", "B[1,1]"].map(|name| parameter(&found, name));
+    // The setpoint is in rad/s, as the rate is.
+    assert!((pole + 20.0).abs() < 1.0 && (gain - 20.0).abs() < 1.0, "{}", found.text());
+    assert!(
+        found.text().contains("u_roll = setpoint[0][deg/s]  recognised by name (Betaflight, decoded)"),
+        "{}",
+        found.text()
+    );
 }
 
 /// A binary sequence is the same in many rows of a table; and ten samples a second suffice for an aeroplane.
