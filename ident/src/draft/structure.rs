@@ -12,10 +12,10 @@ use super::error::DraftError;
 pub const LONGEST_DELAY_S: f64 = 0.25;
 /// Longest actuator lag allowed, s: about that of a large rotor.
 pub const LONGEST_LAG_S: f64 = 0.5;
-/// Fastest growth of an unstable pole allowed, 1/s: twice that of an upright rod of 15 cm, sqrt(3 g / 2 l), and four times that
-/// of the X-29, whose motion doubled within 0.15 s (Clarke, Burken, Bosworth and Bauer, NASA TM 4598, 1994). Bounds nearer to what vehicles have would be met by estimates that
+/// Fastest growth of an unstable pole allowed, 1/s: twice that of the X-29, whose motion doubled within 0.15 s (Clarke,
+/// Burken, Bosworth and Bauer, NASA TM 4598, 1994). Bounds nearer to what vehicles have would be met by estimates that
 /// scatter, and their structures would not be taken.
-const FASTEST_GROWTH: f64 = 20.0;
+const FASTEST_GROWTH: f64 = 10.0;
 /// Largest ratio of a gain to the spread of the output over that of the input.
 const GAIN_ROOM: f64 = 10.0;
 
