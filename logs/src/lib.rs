@@ -33,6 +33,7 @@ mod read_error;
 pub mod record;
 mod record_error;
 pub mod resample;
+pub mod rounding;
 pub mod sampling;
 pub mod segments;
 pub mod series;
@@ -71,6 +72,7 @@ pub use read::{AnyReadError, Exported, Kind, export, kind, read, read_signals};
 pub use read_error::ReadError;
 pub use record::{Record, RecordError, Signal, SignalError};
 pub use resample::{Clock, ClockError, resample};
+pub use rounding::rounding_step;
 pub use sampling::{
     GAP, Gap, LONGEST_BRIDGED, Sampling, even_period, gaps, median_interval, pauses, repeated_every, unbroken,
 };

@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 
 use statrs::distribution::{Continuous, ContinuousCDF, Normal};
+use whirlstand_logs::rounding::{MIN_LEVELS, SAME_VALUE};
 use whirlstand_logs::stats::{median, rms};
 use whirlstand_vehicle::Kind;
 
 use crate::data::record::Channel;
-use crate::data::sample_effect::{SAME_VALUE, SampleEffect, longest_run, share_interval};
+use crate::data::sample_effect::{SampleEffect, longest_run, share_interval};
 use crate::thresholds::{
-    MIN_HELD_SAMPLES, MIN_LEVELS, NEIGHBOURS, NEW_VALUE_SHARE, OFTEN_SHARE, RARE_REPEAT, SLOW_REPEATS,
+    MIN_HELD_SAMPLES, NEIGHBOURS, NEW_VALUE_SHARE, OFTEN_SHARE, RARE_REPEAT, SLOW_REPEATS,
 };
 
 /// Held samples: values that occasionally repeat the one before, other than at `rests`.

@@ -4,9 +4,6 @@ use std::collections::BTreeMap;
 
 use whirlstand_vehicle::Kind;
 
-/// Values whose difference is at most this share of the largest are equal up to rounding of the arithmetic.
-pub(crate) const SAME_VALUE: f64 = 1e-9;
-
 /// An effect on single samples of a channel, such as rounding or clipping.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampleEffect {

@@ -2,7 +2,7 @@
 //!
 //! Samples that are not what the sensor would have delivered are excluded from everything that follows.
 
-use crate::thresholds::{COARSE_STEP_SHARE, MIN_HELD_SAMPLES, MIN_LEVELS, MIN_STEPS_OF_A_LIMIT, NEIGHBOURS};
+use crate::thresholds::{COARSE_STEP_SHARE, MIN_HELD_SAMPLES, MIN_STEPS_OF_A_LIMIT, NEIGHBOURS};
 use std::collections::BTreeMap;
 
 use whirlstand_vehicle::{Kind, Output, Vehicle};
@@ -10,7 +10,8 @@ use whirlstand_vehicle::{Kind, Output, Vehicle};
 use crate::data::held_samples::held;
 use crate::data::record::{Channel, Data};
 use crate::data::rests::at_rest;
-use crate::data::sample_effect::{SAME_VALUE, SampleEffect};
+use crate::data::sample_effect::SampleEffect;
+use whirlstand_logs::rounding_step;
 use whirlstand_logs::stats::{mad_std, median};
 
 /// Finds rounding, clipping and held samples in the measurements, and excludes the affected samples.
@@ -57,38 +58,11 @@ fn fast_noise(channel: &Channel) -> f64 {
 fn rounding(channel: &Channel, least: f64) -> Option<f64> {
     let mut values: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
     values.sort_unstable_by(f64::total_cmp);
-    step_of(&values, least).or_else(|| {
+    rounding_step(&values, least).or_else(|| {
         let (first, last) = (*values.first()?, *values.last()?);
         let inside: Vec<f64> = values.iter().copied().filter(|v| *v > first && *v < last).collect();
-        step_of(&inside, least)
+        rounding_step(&inside, least)
     })
-}
-
-/// The rounding step of sorted values, as in [`rounding`].
-fn step_of(values: &[f64], least: f64) -> Option<f64> {
-    let tiny = SAME_VALUE * values.last()?.abs().max(values.first()?.abs());
-    let gaps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).filter(|g| *g > tiny).collect();
-    if gaps.len() < MIN_LEVELS - 1 || gaps.len() * 2 > values.len() {
-        return None;
-    }
-    let smallest = gaps.iter().copied().fold(f64::INFINITY, f64::min);
-    if smallest < least {
-        return None;
-    }
-    // Gaps are multiples of the step; the value farthest from zero determines more digits.
-    let singles: Vec<f64> = gaps.iter().copied().filter(|g| *g < 1.5 * smallest).collect();
-    let mut step = median(&singles);
-    let far =
-        if values[0].abs() > values[values.len() - 1].abs() { values[0] } else { values[values.len() - 1] };
-    let multiple = (far / step).round();
-    if multiple != 0.0 && multiple.abs() < 1e4 {
-        let refined = far / multiple;
-        if (refined / step - 1.0).abs() < 0.01 {
-            step = refined;
-        }
-    }
-    let on = values.iter().filter(|v| (*v / step - (*v / step).round()).abs() < 0.02).count();
-    (on * 10 >= values.len() * 9).then_some(step)
 }
 
 /// Clipping: values that pile up at the largest or the smallest one, other than at `rests`.

@@ -11,8 +11,6 @@ pub(crate) const FAST_SHARE: f64 = 0.999;
 /// Share of the speed of the motion up to which a sensor comes to a value slowly. What a sensor hides at a
 /// limit, it had shown at the speed of the motion. Definition: what is left of an exponential approach after 1.6 time constants.
 pub(crate) const SLOW_ARRIVAL: f64 = 0.2;
-/// Fewest levels of a rounded signal; fewer may be a switched one. Calibrated.
-pub(crate) const MIN_LEVELS: usize = 3;
 /// Fewest rounding steps in a signal's range for which a limit can be told from rounding. Calibrated.
 pub(crate) const MIN_STEPS_OF_A_LIMIT: f64 = 8.0;
 /// Smallest share of new values with which a sensor counts as one that occasionally loses some; below it, the

@@ -1,7 +1,7 @@
 //! Combines fitted axes into the vehicle, its file, and the answer about both.
 
-use whirlstand_logs::Record;
 use whirlstand_logs::stats::{rms, white_noise_std};
+use whirlstand_logs::{Record, rounding_step};
 use whirlstand_vehicle::{ESTIMATED_IN_MOTION, FIT_PERIOD, Matrix, SENSOR_NOISE, Target, Vehicle};
 
 use super::answer::{
@@ -18,6 +18,7 @@ use super::proposal::{Choice, Chosen, is_integral};
 use super::reading::own_samples;
 use super::structure::rounded;
 use super::survey::Link;
+use crate::identify::AT_BOUND;
 use crate::identify::align::lags;
 use crate::identify::force_fit::{FORCES, WANDERING};
 
@@ -27,14 +28,6 @@ const LIMIT_ROOM: f64 = 0.1;
 const SAME_MOTION: f64 = 0.7;
 /// Rounding is written where its step is coarser than this share of the scatter: below, it is noise (Sheppard 1898).
 const COARSE_STEP: f64 = 0.5;
-/// Distance of a multiple of the step from a whole one: tables have few digits.
-const OFF_STEP: f64 = 0.02;
-/// Fewest steps between the levels of a sensor that rounds.
-const LEVELS: usize = 8;
-/// Distance from an end of the range of a parameter, as a share of it, within which an estimate lies at that end.
-const AT_BOUND: f64 = 1e-6;
-/// Differences below this share of the largest value are those of arithmetic, as between degrees and radians.
-const ARITHMETIC: f64 = 1e-9;
 
 /// Options of a draft.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -168,27 +161,14 @@ fn limits_and_noise(vehicle: &mut Vehicle, record: &Record, used: &[&Chosen]) {
     }
     for output in &mut vehicle.outputs {
         let chosen = used.iter().find(|c| c.name == output.name);
-        let own = chosen.map_or_else(Vec::new, |c| own_samples(record, c));
+        let mut own = chosen.map_or_else(Vec::new, |c| own_samples(record, c));
         let scatter = white_noise_std(&own);
-        let (step, is_coarse) = rounding_step(own);
+        own.sort_unstable_by(f64::total_cmp);
+        let step = rounding_step(&own, COARSE_STEP * scatter).unwrap_or(0.0);
         let noise = scatter.hypot(step / 12f64.sqrt());
-        output.noise = format!("{noise:.2e}").parse().unwrap_or(0.0);
-        if is_coarse && step > COARSE_STEP * scatter {
-            output.quantization = format!("{step:.3e}").parse().unwrap_or(0.0);
-        }
+        let digits = |value: String| value.parse().unwrap_or(0.0);
+        (output.noise, output.quantization) = (digits(format!("{noise:.2e}")), digits(format!("{step:.3e}")));
     }
-}
-
-/// The smallest difference between two values: the step of a sensor that rounds, and next to nothing of one that does not. Also
-/// whether all differences are multiples of it.
-fn rounding_step(mut values: Vec<f64>) -> (f64, bool) {
-    values.sort_unstable_by(f64::total_cmp);
-    let largest = values.last().zip(values.first()).map_or(0.0, |(a, b)| a.abs().max(b.abs()));
-    let differences = values.windows(2).map(|w| w[1] - w[0]).filter(|step| *step > ARITHMETIC * largest);
-    let steps: Vec<f64> = differences.collect();
-    let Some(step) = steps.iter().copied().reduce(f64::min) else { return (0.0, false) };
-    let is_multiple = |other: &f64| (other / step - (other / step).round()).abs() <= OFF_STEP;
-    (step, steps.len() >= LEVELS && steps.iter().all(is_multiple))
 }
 
 fn provenance(logs: &[String], names: &Names) -> Vec<(String, String)> {

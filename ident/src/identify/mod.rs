@@ -46,4 +46,4 @@ pub use error::IdentifyError;
 pub use options::{Method, Options};
 pub use pem::Noise;
 pub use problem::Nuisance;
-pub use run::{Source, identify};
+pub use run::{AT_BOUND, Source, identify};

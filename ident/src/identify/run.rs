@@ -279,10 +279,13 @@ fn parts<'a>(
     })
 }
 
+/// Distance from an end of the range of a parameter, as a share of it, within which an estimate lies at that end.
+pub const AT_BOUND: f64 = 1e-6;
+
 fn parameters(fit: &Fit, errors: bool) -> Vec<ParameterAnswer> {
     let all = fit.problem.parameters.iter().zip(&fit.theta).enumerate();
     all.map(|(i, (p, value))| {
-        let edge = 1e-6 * (p.upper - p.lower);
+        let edge = AT_BOUND * (p.upper - p.lower);
         ParameterAnswer {
             name: p.name.clone(),
             value: value / p.factor,

@@ -83,7 +83,7 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
             break;
         }
         let cell = |index: usize| parse(&row[index]).map_err(|wrong| wrong.at(path, line, index, &heads));
-        let t = columns.time.map_or(Ok((time.len() + left_out.untimed) as f64), cell)?;
+        let t = columns.time.map_or(Ok(time.len() as f64), cell)?;
         if t.is_nan() {
             left_out.untimed += 1;
             continue;
@@ -114,8 +114,8 @@ pub fn parse_csv(input: impl Read, path: &Path, mappings: &[Mapping]) -> Result<
     if repeated > time.len() {
         return Err(CsvError::CoarseTime { path: path.into(), repeated, rows: repeated + time.len() });
     }
-    if untimed > time.len() {
-        let name = columns.time.map_or_else(String::new, |at| excerpt(&heads[at]));
+    if let Some(at) = columns.time.filter(|_| untimed > time.len()) {
+        let name = excerpt(&heads[at]);
         return Err(CsvError::Untimed { path: path.into(), name, untimed, rows: untimed + time.len() });
     }
     // Growing vectors reserve up to twice the memory that they use.
